@@ -1,0 +1,2 @@
+//! The `flyvine` command line.
+fn main() {}

@@ -1,0 +1,57 @@
+//! Recordings: one [`Flight`] is a list of [`Sample`]s at [`crate::DT`].
+
+use serde::{Deserialize, Serialize};
+
+/// The arm's configuration: rest distance from quadrotor to end effector, and gauge pressure.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Configuration {
+    /// Rest distance from the quadrotor to the end effector, m.
+    pub length_m: f64,
+    /// Gauge pressure, kPa.
+    pub pressure_kpa: f64,
+}
+
+/// Position and attitude of a rigid body in the world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Position, m, ENU.
+    pub position: [f64; 3],
+    /// Hamilton quaternion `world_from_body`, `[w, x, y, z]`, unit length, `w ≥ 0`.
+    pub attitude: [f64; 4],
+}
+
+/// One row of a flight: the poses at `t_s` and the command issued at `t_s` and held until the next row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Time since the flight's start, s.
+    pub t_s: f64,
+    /// Configuration of the arm at `t_s`.
+    pub configuration: Configuration,
+    /// Commanded quadrotor position, m.
+    pub command: [f64; 3],
+    /// Commanded quadrotor velocity (feed-forward), m/s, where the recording has it.
+    pub command_velocity: Option<[f64; 3]>,
+    /// Quadrotor pose; `None` where motion capture missed it or hygiene rejected it.
+    pub quadrotor: Option<Pose>,
+    /// End-effector position, m; `None` where motion capture missed it or hygiene rejected it.
+    pub end_effector: Option<[f64; 3]>,
+}
+
+/// One recording, sampled every [`crate::DT`] seconds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flight {
+    /// Where it came from, for messages and reports.
+    pub name: String,
+    /// Rows in time order.
+    pub samples: Vec<Sample>,
+}
+
+impl Sample {
+    /// The state `x ∈ R⁹` (quadrotor position, attitude vector part, end-effector position), if both poses exist.
+    pub fn state(&self) -> Option<[f64; 9]> {
+        let (pose, tip) = (self.quadrotor?, self.end_effector?);
+        let ([x, y, z], [_, qx, qy, qz]) = (pose.position, pose.attitude);
+        Some([x, y, z, qx, qy, qz, tip[0], tip[1], tip[2]])
+    }
+}

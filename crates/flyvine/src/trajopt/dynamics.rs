@@ -1,0 +1,40 @@
+//! The one interface between models and the solver.
+
+/// Discrete dynamics in companion form.
+///
+/// The next state is `fresh_len` newly computed entries followed by a shifted copy of the old state:
+///
+/// ```text
+/// z⁺ = ( f_k(z, u),  z[0 .. state_len − fresh_len] )
+/// ```
+///
+/// A lagged model has `state_len = lags · 9` and `fresh_len = 9`; a model without lags has
+/// `fresh_len = state_len` and nothing is shifted. The solver exploits the shift.
+pub trait Dynamics: Sync {
+    /// Length n of the state z.
+    fn state_len(&self) -> usize;
+    /// Length m of the command u.
+    fn command_len(&self) -> usize;
+    /// Number of entries of z⁺ that [`Self::step`] computes; the rest are shifted copies.
+    fn fresh_len(&self) -> usize;
+
+    /// `fresh = f_k(z, u)`, with `fresh` of length [`Self::fresh_len`].
+    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]);
+
+    /// The Jacobian `[∂f_k/∂z  ∂f_k/∂u]`, `fresh_len × (n + m)`, row-major.
+    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]);
+
+    /// Adds `scale · Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`, `(n + m) × (n + m)`, row-major, full
+    /// symmetric. Models without curvature leave it alone.
+    fn add_curvature(
+        &self,
+        knot: usize,
+        state: &[f64],
+        command: &[f64],
+        adjoint: &[f64],
+        scale: f64,
+        hessian: &mut [f64],
+    ) {
+        let _ = (knot, state, command, adjoint, scale, hessian);
+    }
+}

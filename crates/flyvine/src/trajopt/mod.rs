@@ -1,0 +1,15 @@
+//! Optimal control: the [`Problem`] (data only), the [`Dynamics`] it is subject to, and its solvers.
+//!
+//! ```text
+//! min  Σ_{k=0}^{N-1} ‖z_k − z̄_k‖²_Q + Σ_{k=0}^{N-2} ‖u_k − ū_k‖²_R
+//! s.t. z_{k+1} = f_k(z_k, u_k),  z_0 given,  u_min ≤ u_k ≤ u_max,
+//!      l ≤ z_k[i] ≤ h on chosen knots,  z_k[i] = v on chosen knots
+//! ```
+//!
+//! Nothing here knows of files, flights, or where a model came from.
+
+mod dynamics;
+mod problem;
+
+pub use dynamics::Dynamics;
+pub use problem::{Equality, Problem, StateBound};
