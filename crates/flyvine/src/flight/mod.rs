@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 /// Names of the nine entries of the state x, in order.
-pub const SIGNALS: [&str; 9] = ["qr_x", "qr_y", "qr_z", "qr_qx", "qr_qy", "qr_qz", "ee_x", "ee_y", "ee_z"];
+pub const SIGNALS: [&str; 9] = [
+    "qr_x", "qr_y", "qr_z", "qr_qx", "qr_qy", "qr_qz", "ee_x", "ee_y", "ee_z",
+];
 
 /// The arm's configuration: rest distance from quadrotor to end effector, and gauge pressure.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
