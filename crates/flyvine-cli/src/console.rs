@@ -30,7 +30,10 @@ pub fn print_json(result: &impl serde::Serialize) -> Result<(), Failure> {
 /// A table with a header; columns after the first are right-aligned.
 pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut table = Table::new();
-    table.load_preset(presets::UTF8_BORDERS_ONLY).set_header(header.to_vec()).add_rows(rows);
+    table
+        .load_preset(presets::UTF8_BORDERS_ONLY)
+        .set_header(header.to_vec())
+        .add_rows(rows);
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }
@@ -39,7 +42,11 @@ pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> St
 
 /// A length in metres as centimetres; a dash where it is not finite.
 pub fn centimetres(metres: f64) -> String {
-    if metres.is_finite() { format!("{:.1}", 100.0 * metres) } else { "–".to_owned() }
+    if metres.is_finite() {
+        format!("{:.1}", 100.0 * metres)
+    } else {
+        "–".to_owned()
+    }
 }
 
 /// A progress bar on stderr; where stderr is no terminal, plain lines through [`say`] are enough and the bar

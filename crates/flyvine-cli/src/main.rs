@@ -18,9 +18,11 @@ use clap::{Parser, Subcommand};
 ///   flyvine convert plan.json commands.csv
 #[derive(Parser)]
 #[command(name = "flyvine", version, verbatim_doc_comment)]
-#[command(after_help = "Exit codes: 0 done; 2 bad usage or input; 3 finished, but the result is not to be trusted \
+#[command(
+    after_help = "Exit codes: 0 done; 2 bad usage or input; 3 finished, but the result is not to be trusted \
 (not converged, diverging rollouts, aborted flight; what was made is still written); 1 internal failure.\n\
-Results go to stdout, logs and progress to stderr.")]
+Results go to stdout, logs and progress to stderr."
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

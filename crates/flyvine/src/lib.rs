@@ -23,6 +23,7 @@
 pub mod file;
 pub mod flight;
 pub mod link;
+pub mod report;
 pub mod task;
 pub mod trajopt;
 
