@@ -25,6 +25,7 @@ pub mod flight;
 pub mod link;
 pub mod report;
 pub mod task;
+pub mod model;
 pub mod trajopt;
 
 /// Sample time of commands, flights and plans, s.
