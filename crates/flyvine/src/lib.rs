@@ -23,6 +23,7 @@
 pub mod file;
 pub mod flight;
 pub mod link;
+pub mod sim;
 pub mod trajopt;
 
 /// Sample time of commands, flights and plans, s.
