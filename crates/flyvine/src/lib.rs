@@ -27,6 +27,7 @@ pub mod link;
 pub mod report;
 pub mod task;
 pub mod model;
+pub mod sim;
 pub mod trajopt;
 
 /// Sample time of commands, flights and plans, s.
