@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::score::{Score, SwingTarget};
+use super::score::{DistanceStatistics, Score, SwingTarget};
 use crate::flight::{Configuration, Flight};
 
 /// Everything that one report shows. Lists may be empty: what is absent is left out of the page.
@@ -67,7 +67,8 @@ pub enum ExperimentKind {
     Waypoints,
 }
 
-/// One planned, flown and scored task. All positions are ENU, m; row k of the flight belongs to knot k.
+/// One planned, flown and scored task. All positions are ENU, m; row k of the flight belongs to knot k, and an
+/// aborted flight has fewer rows than the plan has knots.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
     /// Unique name, for example `lemniscate_10s_ES`.
@@ -91,10 +92,169 @@ pub struct Experiment {
     pub arm: Vec<Vec<[f64; 3]>>,
     /// Target and limits of a swing.
     pub swing: Option<SwingTask>,
-    /// How the flight went.
-    pub score: Score,
+    /// How the flight went; `None` where it was aborted before the plan's end.
+    pub score: Option<Score>,
+    /// A remark for the tables, for example why the flight was aborted.
+    pub remark: Option<String>,
     /// How the plan was found.
     pub solver: SolverSummary,
+}
+
+/// What an error is measured against.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Against {
+    /// The task's reference.
+    Reference,
+    /// The plan's prediction.
+    Prediction,
+}
+
+/// Why results cannot be drawn.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ReportError {
+    /// A list has not one entry per knot of the plan.
+    #[error("experiment {experiment}: found {found} {what}, expected {knots}, one for each knot of the plan")]
+    KnotCount {
+        /// Name of the experiment.
+        experiment: String,
+        /// Which list.
+        what: &'static str,
+        /// Entries found.
+        found: usize,
+        /// Knots of the reference.
+        knots: usize,
+    },
+    /// A flight with more rows than the plan has knots.
+    #[error(
+        "experiment {experiment}: its flight has {rows} rows, expected at most {knots}, the knots of its plan"
+    )]
+    RowCount {
+        /// Name of the experiment.
+        experiment: String,
+        /// Rows of the flight.
+        rows: usize,
+        /// Knots of the reference.
+        knots: usize,
+    },
+    /// Arm shapes are given, but not one per row of the flight.
+    #[error(
+        "experiment {experiment}: found {found} arm shapes, expected none or {rows}, one for each row of the flight"
+    )]
+    ArmCount {
+        /// Name of the experiment.
+        experiment: String,
+        /// Shapes found.
+        found: usize,
+        /// Rows of the flight.
+        rows: usize,
+    },
+    /// A flight without rows.
+    #[error("experiment {experiment}: its flight has no rows, expected at least one")]
+    EmptyFlight {
+        /// Name of the experiment.
+        experiment: String,
+    },
+    /// An arm whose number of nodes changes, or that has fewer than two.
+    #[error(
+        "experiment {experiment}, row {row}: found {found} arm nodes, expected {expected} as in row 0, at least 2"
+    )]
+    ArmNodes {
+        /// Name of the experiment.
+        experiment: String,
+        /// Row, from 0.
+        row: usize,
+        /// Nodes found.
+        found: usize,
+        /// Nodes of row 0.
+        expected: usize,
+    },
+    /// The replay's data could not be written.
+    #[error("the replay's data: {reason}")]
+    Json {
+        /// What the writer said.
+        reason: String,
+    },
+}
+
+impl Experiment {
+    /// The name for people, for example "Lemniscate, period 10 s, ES".
+    pub fn title(&self) -> String {
+        let task = match self.kind {
+            ExperimentKind::Lemniscate => "Lemniscate",
+            ExperimentKind::Swing => "Swing",
+            ExperimentKind::Deploy => "Deployment",
+            ExperimentKind::Waypoints => "Waypoints",
+        };
+        match self.period_s {
+            Some(period_s) => format!("{task}, period {period_s} s, {}", self.label),
+            None => format!("{task}, {}", self.label),
+        }
+    }
+
+    /// Checks that the lists belong together: one entry per knot, no more rows than knots, one arm per row.
+    pub(super) fn check_shapes(&self) -> Result<(), ReportError> {
+        let (rows, knots) = (self.flight.samples.len(), self.reference.len());
+        let experiment = || self.name.clone();
+        if rows == 0 {
+            return Err(ReportError::EmptyFlight {
+                experiment: experiment(),
+            });
+        }
+        for (what, found) in [
+            ("predicted quadrotor positions", self.predicted_quadrotor.len()),
+            (
+                "predicted end-effector positions",
+                self.predicted_end_effector.len(),
+            ),
+        ] {
+            if found != knots {
+                return Err(ReportError::KnotCount {
+                    experiment: experiment(),
+                    what,
+                    found,
+                    knots,
+                });
+            }
+        }
+        if rows > knots {
+            return Err(ReportError::RowCount {
+                experiment: experiment(),
+                rows,
+                knots,
+            });
+        }
+        if !self.arm.is_empty() && self.arm.len() != rows {
+            return Err(ReportError::ArmCount {
+                experiment: experiment(),
+                found: self.arm.len(),
+                rows,
+            });
+        }
+        let expected = self.arm.first().map_or(2, Vec::len);
+        for (row, found) in self.arm.iter().map(Vec::len).enumerate() {
+            if found != expected || found < 2 {
+                return Err(ReportError::ArmNodes {
+                    experiment: experiment(),
+                    row,
+                    found,
+                    expected,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The error as the paper reports it (Sec. IV): to the reference where the end effector tracks one, to the
+    /// model's prediction for swings and deployments. `None` without a score.
+    pub fn comparable_error(&self) -> Option<(Against, DistanceStatistics)> {
+        let score = self.score.as_ref()?;
+        Some(match self.kind {
+            ExperimentKind::Lemniscate | ExperimentKind::Waypoints => {
+                (Against::Reference, score.ee_vs_reference)
+            }
+            ExperimentKind::Swing | ExperimentKind::Deploy => (Against::Prediction, score.ee_vs_prediction),
+        })
+    }
 }
 
 /// Target and limits of a swing.

@@ -213,8 +213,8 @@ fn check_shapes(
     let start_s = flight.samples[0].t_s;
     for (row, sample) in flight.samples.iter().enumerate() {
         let expected_s = start_s + row as f64 * DT;
-        // Written so that NaN fails too.
-        if !((sample.t_s - expected_s).abs() <= 0.5 * DT) {
+        let on_time = (sample.t_s - expected_s).abs() <= 0.5 * DT; // false for NaN
+        if !on_time {
             let (flight, found_s) = (flight.name.clone(), sample.t_s);
             return Err(ScoreError::Clock {
                 flight,
