@@ -20,6 +20,7 @@
 //! World frame ENU (x, y horizontal, z up), metres, seconds, radians, kilograms; pressure in kPa gauge.
 //! Quaternions are Hamilton, `world_from_body`, scalar first, `w ≥ 0`.
 
+pub mod control;
 pub mod file;
 pub mod flight;
 pub mod link;
