@@ -35,6 +35,12 @@ pub trait Vehicle {
 /// Why a vehicle can no longer be flown.
 #[derive(Debug, thiserror::Error)]
 pub enum VehicleError {
+    /// A command or configuration that the vehicle cannot take.
+    #[error("the vehicle refused {what}")]
+    Refused {
+        /// What was found, and what was expected.
+        what: String,
+    },
     /// The simulation left the finite numbers.
     #[error("the simulated vehicle diverged at t = {t_s:.3} s: {what}")]
     Diverged {
