@@ -86,7 +86,14 @@ impl Swing {
         2.5
     }
     fn default_profile() -> Vec<[f64; 2]> {
-        vec![[0.0, 0.0], [0.4, -0.8], [0.7, -0.8], [1.1, 0.8], [1.5, 0.8], [2.0, 0.0]]
+        vec![
+            [0.0, 0.0],
+            [0.4, -0.8],
+            [0.7, -0.8],
+            [1.1, 0.8],
+            [1.5, 0.8],
+            [2.0, 0.0],
+        ]
     }
     fn default_quadrotor_limits_m() -> [f64; 2] {
         [1.02, 1.53]
@@ -197,15 +204,19 @@ pub enum Motion<'a> {
 impl Task {
     /// Reads and checks a task file.
     pub fn read(path: &Path) -> Result<Self, TaskError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| TaskError::Read { path: path.display().to_string(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|source| TaskError::Read {
+            path: path.display().to_string(),
+            source,
+        })?;
         Self::parse(&text, &path.display().to_string())
     }
 
     /// Checks the text of a task file; `path` is only named in errors.
     pub fn parse(text: &str, path: &str) -> Result<Self, TaskError> {
-        let task: Self = toml::from_str(text)
-            .map_err(|error| TaskError::Parse { path: path.to_owned(), message: error.to_string() })?;
+        let task: Self = toml::from_str(text).map_err(|error| TaskError::Parse {
+            path: path.to_owned(),
+            message: error.to_string(),
+        })?;
         task.validate()?;
         Ok(task)
     }
@@ -219,7 +230,11 @@ impl Task {
         let swing = self.swing.as_ref().map(Motion::Swing);
         let deploy = self.deploy.as_ref().map(Motion::Deploy);
         let waypoints = self.waypoints.as_ref().map(Motion::Waypoints);
-        lemniscate.or(swing).or(deploy).or(waypoints).expect("a validated task has a motion")
+        lemniscate
+            .or(swing)
+            .or(deploy)
+            .or(waypoints)
+            .expect("a validated task has a motion")
     }
 
     /// Number of knots N.
@@ -236,16 +251,30 @@ impl Task {
     /// Cost weights: the file's, or the paper's for this motion.
     pub fn weights(&self) -> Weights {
         self.weights.unwrap_or(match self.motion() {
-            Motion::Swing(_) => Weights { end_effector: 1.0, state: 1.0, command: 10.0 },
-            _ => Weights { end_effector: 20.0, state: 1.0, command: 1.0 },
+            Motion::Swing(_) => Weights {
+                end_effector: 1.0,
+                state: 1.0,
+                command: 10.0,
+            },
+            _ => Weights {
+                end_effector: 20.0,
+                state: 1.0,
+                command: 1.0,
+            },
         })
     }
 
     /// Command bounds: the file's, or the paper's for this motion.
     pub fn command_bounds(&self) -> Bounds {
         self.command_bounds.unwrap_or(match self.motion() {
-            Motion::Swing(_) => Bounds { lower: [-2.0, -0.1, 1.4], upper: [2.0, 0.1, 1.6] },
-            _ => Bounds { lower: [-3.0; 3], upper: [3.0; 3] },
+            Motion::Swing(_) => Bounds {
+                lower: [-2.0, -0.1, 1.4],
+                upper: [2.0, 0.1, 1.6],
+            },
+            _ => Bounds {
+                lower: [-3.0; 3],
+                upper: [3.0; 3],
+            },
         })
     }
 
@@ -257,10 +286,18 @@ impl Task {
             + usize::from(self.deploy.is_some())
             + usize::from(self.waypoints.is_some());
         if found != 1 {
-            return Err(TaskError::MotionCount { task: name.to_owned(), found });
+            return Err(TaskError::MotionCount {
+                task: name.to_owned(),
+                found,
+            });
         }
         if name.is_empty() || name.contains(['/', '\\']) || name.contains("..") {
-            return Err(TaskError::value(name, "name", format!("`{name}`"), "a file name without folders"));
+            return Err(TaskError::value(
+                name,
+                "name",
+                format!("`{name}`"),
+                "a file name without folders",
+            ));
         }
         let positive = |field: &str, value: f64| {
             (value.is_finite() && value > 0.0)
@@ -277,9 +314,16 @@ impl Task {
         let configuration = |field: &str, configuration: &Configuration| {
             positive(&format!("{field}.length_m"), configuration.length_m)?;
             let pressure = configuration.pressure_kpa;
-            (pressure.is_finite() && pressure >= 0.0).then_some(()).ok_or_else(|| {
-                TaskError::value(name, &format!("{field}.pressure_kpa"), pressure, "a gauge pressure ≥ 0 in kPa")
-            })
+            (pressure.is_finite() && pressure >= 0.0)
+                .then_some(())
+                .ok_or_else(|| {
+                    TaskError::value(
+                        name,
+                        &format!("{field}.pressure_kpa"),
+                        pressure,
+                        "a gauge pressure ≥ 0 in kPa",
+                    )
+                })
         };
         configuration("configuration", &self.configuration)?;
         match self.motion() {
@@ -299,11 +343,19 @@ impl Task {
         }
         let knots = self.knots();
         if !(4..=100_000).contains(&knots) {
-            return Err(TaskError::value(name, "duration", format!("{knots} knots of {DT} s"), "4 to 100000 knots"));
+            return Err(TaskError::value(
+                name,
+                "duration",
+                format!("{knots} knots of {DT} s"),
+                "4 to 100000 knots",
+            ));
         }
         let weights = self.weights();
         positive("weights.command", weights.command)?;
-        for (field, value) in [("weights.end_effector", weights.end_effector), ("weights.state", weights.state)] {
+        for (field, value) in [
+            ("weights.end_effector", weights.end_effector),
+            ("weights.state", weights.state),
+        ] {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(TaskError::value(name, field, value, "a number ≥ 0"));
             }
@@ -313,25 +365,55 @@ impl Task {
         finite("command_bounds.upper", &bounds.upper)?;
         for axis in 0..3 {
             if bounds.lower[axis] >= bounds.upper[axis] {
-                let found = format!("lower {} ≥ upper {} on axis {axis}", bounds.lower[axis], bounds.upper[axis]);
-                return Err(TaskError::value(name, "command_bounds", found, "lower below upper on every axis"));
+                let found = format!(
+                    "lower {} ≥ upper {} on axis {axis}",
+                    bounds.lower[axis], bounds.upper[axis]
+                );
+                return Err(TaskError::value(
+                    name,
+                    "command_bounds",
+                    found,
+                    "lower below upper on every axis",
+                ));
             }
         }
         for bound in &self.state_bounds {
             if !SIGNALS.contains(&bound.signal.as_str()) {
                 let expected = format!("one of {}", SIGNALS.join(", "));
-                return Err(TaskError::value(name, "state_bounds.signal", format!("`{}`", bound.signal), &expected));
+                return Err(TaskError::value(
+                    name,
+                    "state_bounds.signal",
+                    format!("`{}`", bound.signal),
+                    &expected,
+                ));
             }
-            let (lower, upper) = (bound.lower.unwrap_or(f64::NEG_INFINITY), bound.upper.unwrap_or(f64::INFINITY));
-            if lower.is_nan() || upper.is_nan() || lower >= upper || (lower, upper) == (f64::NEG_INFINITY, f64::INFINITY) {
+            let (lower, upper) = (
+                bound.lower.unwrap_or(f64::NEG_INFINITY),
+                bound.upper.unwrap_or(f64::INFINITY),
+            );
+            if lower.is_nan()
+                || upper.is_nan()
+                || lower >= upper
+                || (lower, upper) == (f64::NEG_INFINITY, f64::INFINITY)
+            {
                 let found = format!("lower {lower}, upper {upper} on {}", bound.signal);
-                return Err(TaskError::value(name, "state_bounds", found, "lower below upper, at least one of them given"));
+                return Err(TaskError::value(
+                    name,
+                    "state_bounds",
+                    found,
+                    "lower below upper, at least one of them given",
+                ));
             }
         }
         if let Some(shaping) = &self.command_reference {
             finite("command_reference.scale", &shaping.scale)?;
             if shaping.shift_knots > 100 {
-                return Err(TaskError::value(name, "command_reference.shift_knots", shaping.shift_knots, "at most 100"));
+                return Err(TaskError::value(
+                    name,
+                    "command_reference.shift_knots",
+                    shaping.shift_knots,
+                    "at most 100",
+                ));
             }
         }
         Ok(())
@@ -341,21 +423,45 @@ impl Task {
         let name = self.name.as_str();
         let numbers = [swing.target_m, swing.approach_m, swing.quadrotor_limits_m].concat();
         if numbers.iter().any(|value| value.is_nan() || value.abs() > 100.0) {
-            return Err(TaskError::value(name, "swing", format!("{numbers:?}"), "positions in metres within ±100"));
+            return Err(TaskError::value(
+                name,
+                "swing",
+                format!("{numbers:?}"),
+                "positions in metres within ±100",
+            ));
         }
         if !(swing.duration_s.is_finite() && swing.duration_s > 0.0) {
-            return Err(TaskError::value(name, "swing.duration_s", swing.duration_s, "a positive number"));
+            return Err(TaskError::value(
+                name,
+                "swing.duration_s",
+                swing.duration_s,
+                "a positive number",
+            ));
         }
         let in_motion = swing.target_time_s >= 2.0 * DT && swing.target_time_s <= swing.duration_s - DT;
         if !in_motion {
-            let expected = format!("between {} and duration_s − {DT} = {}", 2.0 * DT, swing.duration_s - DT);
-            return Err(TaskError::value(name, "swing.target_time_s", swing.target_time_s, &expected));
+            let expected = format!(
+                "between {} and duration_s − {DT} = {}",
+                2.0 * DT,
+                swing.duration_s - DT
+            );
+            return Err(TaskError::value(
+                name,
+                "swing.target_time_s",
+                swing.target_time_s,
+                &expected,
+            ));
         }
         let increasing = swing.profile.windows(2).all(|pair| pair[0][0] < pair[1][0]);
         let finite = swing.profile.iter().flatten().all(|value| value.is_finite());
         if swing.profile.is_empty() || !increasing || !finite {
             let found = format!("{:?}", swing.profile);
-            return Err(TaskError::value(name, "swing.profile", found, "finite (time, x) points in increasing time"));
+            return Err(TaskError::value(
+                name,
+                "swing.profile",
+                found,
+                "finite (time, x) points in increasing time",
+            ));
         }
         Ok(())
     }
@@ -366,9 +472,18 @@ impl Task {
         for (index, point) in waypoints.points.iter().enumerate() {
             if !(point.t_s.is_finite() && point.t_s >= previous_s + DT) {
                 let expected = format!("a time at least {DT} s after the one before ({previous_s} s)");
-                return Err(TaskError::value(name, &format!("waypoints.points[{index}].t_s"), point.t_s, &expected));
+                return Err(TaskError::value(
+                    name,
+                    &format!("waypoints.points[{index}].t_s"),
+                    point.t_s,
+                    &expected,
+                ));
             }
-            if point.end_effector.iter().any(|value| value.is_nan() || value.abs() > 100.0) {
+            if point
+                .end_effector
+                .iter()
+                .any(|value| value.is_nan() || value.abs() > 100.0)
+            {
                 let found = format!("{:?}", point.end_effector);
                 let field = format!("waypoints.points[{index}].end_effector");
                 return Err(TaskError::value(name, &field, found, "metres within ±100"));
@@ -376,7 +491,12 @@ impl Task {
             previous_s = point.t_s;
         }
         if waypoints.points.is_empty() {
-            return Err(TaskError::value(name, "waypoints.points", "none", "at least one point"));
+            return Err(TaskError::value(
+                name,
+                "waypoints.points",
+                "none",
+                "at least one point",
+            ));
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ mod command_reference;
 mod file;
 mod lemniscate;
 mod path;
-mod plan;
+// mod plan;
 mod problem;
 mod reference;
 mod swing;
@@ -18,11 +18,8 @@ mod waypoints;
 
 pub use command_reference::CommandReference;
 pub use file::{
-    Bounds, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint, Waypoints, Weights,
-};
-pub use plan::{
-    PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance, SolveSummary, make_plan, read_plan, write_plan,
-    write_plan_csv,
+    Bounds, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint, Waypoints,
+    Weights,
 };
 pub use problem::pose_problem;
 pub use reference::Reference;
@@ -51,7 +48,9 @@ pub enum TaskError {
         message: String,
     },
     /// Not exactly one motion was given.
-    #[error("task `{task}`: found {found} of the tables [lemniscate], [swing], [deploy], [waypoints]; expected exactly one")]
+    #[error(
+        "task `{task}`: found {found} of the tables [lemniscate], [swing], [deploy], [waypoints]; expected exactly one"
+    )]
     MotionCount {
         /// The task's name.
         task: String,

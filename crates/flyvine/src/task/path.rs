@@ -28,7 +28,10 @@ pub(super) fn cubic(times: &[f64], values: &[f64], t: f64) -> f64 {
             return 0.0;
         }
         let (before, after) = (times[i] - times[i - 1], times[i + 1] - times[i]);
-        let (slope_before, slope_after) = ((values[i] - values[i - 1]) / before, (values[i + 1] - values[i]) / after);
+        let (slope_before, slope_after) = (
+            (values[i] - values[i - 1]) / before,
+            (values[i + 1] - values[i]) / after,
+        );
         (slope_before * after + slope_after * before) / (before + after)
     };
     let i = times.partition_point(|&time| time <= t) - 1;
@@ -63,7 +66,10 @@ mod tests {
         for t in [1.0, 1.5] {
             let before = (cubic(&times, &values, t) - cubic(&times, &values, t - h)) / h;
             let after = (cubic(&times, &values, t + h) - cubic(&times, &values, t)) / h;
-            assert!((before - after).abs() < 1e-4, "velocity jumps at {t}: {before} {after}");
+            assert!(
+                (before - after).abs() < 1e-4,
+                "velocity jumps at {t}: {before} {after}"
+            );
         }
     }
 }

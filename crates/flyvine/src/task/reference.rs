@@ -25,17 +25,26 @@ impl Task {
         let knots = 0..self.knots();
         let configurations: Vec<_> = knots.clone().map(|knot| self.configuration_at(knot)).collect();
         let (quadrotor, end_effector) = knots.map(|knot| self.positions_at(knot)).unzip();
-        Reference { quadrotor, end_effector, configurations }
+        Reference {
+            quadrotor,
+            end_effector,
+            configurations,
+        }
     }
 
     /// Configuration at a knot: constant, or linear in `k/(N−1)` while deploying.
     fn configuration_at(&self, knot: usize) -> Configuration {
-        let Motion::Deploy(deploy) = self.motion() else { return self.configuration };
+        let Motion::Deploy(deploy) = self.motion() else {
+            return self.configuration;
+        };
         let share = knot as f64 / (self.knots() - 1) as f64;
         let mix = |from: f64, to: f64| from + (to - from) * share;
         Configuration {
             length_m: mix(self.configuration.length_m, deploy.final_configuration.length_m),
-            pressure_kpa: mix(self.configuration.pressure_kpa, deploy.final_configuration.pressure_kpa),
+            pressure_kpa: mix(
+                self.configuration.pressure_kpa,
+                deploy.final_configuration.pressure_kpa,
+            ),
         }
     }
 
@@ -57,7 +66,10 @@ impl Task {
             }
             Motion::Swing(swing) => {
                 let [_, quadrotor_x, end_effector_x] = swing_x(swing, knot);
-                ([quadrotor_x, 0.0, HOVER_HEIGHT_M], [end_effector_x, 0.0, HOVER_HEIGHT_M - length])
+                (
+                    [quadrotor_x, 0.0, HOVER_HEIGHT_M],
+                    [end_effector_x, 0.0, HOVER_HEIGHT_M - length],
+                )
             }
             Motion::Waypoints(waypoints) => {
                 let rest = [0.0, 0.0, HOVER_HEIGHT_M - self.configuration.length_m];
