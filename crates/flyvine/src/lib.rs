@@ -23,6 +23,7 @@
 pub mod benchmark;
 pub mod file;
 pub mod flight;
+mod kernel;
 pub mod link;
 pub mod trajopt;
 
