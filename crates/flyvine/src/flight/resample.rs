@@ -245,7 +245,7 @@ mod tests {
                 prop_assert!((quaternion::dot(found.attitude, pose.attitude).abs() - 1.0).abs() < 1e-12);
                 prop_assert!((sample.end_effector.unwrap()[0] + pose.position[0]).abs() < 1e-8);
                 // The command is the newest one, never an interpolation or one from the future.
-                let newest = rows.iter().filter(|row| row.t_s <= sample.t_s + SAME_TIME_S).next_back().unwrap();
+                let newest = rows.iter().rfind(|row| row.t_s <= sample.t_s + SAME_TIME_S).unwrap();
                 prop_assert_eq!(Some(sample.command), newest.command);
             }
             prop_assert!(flight.samples.windows(2).all(|w| (w[1].t_s - w[0].t_s - DT).abs() < CLOCK_TOLERANCE_S));

@@ -131,9 +131,8 @@ fn logs_that_do_not_fit_the_mapping_are_refused() {
         &log.replace("0,0,0,1,0.3,", "0,0,0,1,left,"),
         &["line 32, `payload_x`", "`left`"],
     );
-    let millimetres = Mapping::parse("mm", &example_text().replace("unit = \"m\"", "unit = \"m\"")).unwrap();
     assert_log_refused(
-        &millimetres,
+        &mapping,
         &log.replace(",0.49,", ",490,"),
         &["`payload_z`", "490 m", "millimetres"],
     );
