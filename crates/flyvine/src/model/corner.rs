@@ -108,7 +108,7 @@ impl Corner {
     }
 
     /// The flights fitted.
-    pub fn members<'a>(&self, tracks: &'a [Track<'a>]) -> Vec<&'a Track<'a>> {
+    pub fn members<'a, 'b>(&self, tracks: &'b [Track<'a>]) -> Vec<&'b Track<'a>> {
         let mut indices: Vec<usize> = self.blocks.iter().map(|block| block.track).collect();
         indices.dedup();
         indices.into_iter().map(|index| &tracks[index]).collect()
