@@ -130,14 +130,9 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     /// Derivatives and stationarity at the trajectory.
     fn expand(&mut self) {
-        self.expansion.expand_dynamics(self.dynamics, &self.trajectory);
-        self.expand_cost();
-    }
-
-    fn expand_cost(&mut self) {
         self.expansion
-            .expand_cost(self.problem, &self.constraints, &self.trajectory);
-        self.adjoint.sweep(&self.expansion);
+            .update(self.problem, &self.constraints, &self.trajectory);
+        self.adjoint.sweep(&self.trajectory, &self.expansion);
         self.progress.cost = rollout::cost(self.problem, &self.trajectory);
         let norm = self.adjoint.projected_norm(self.problem, &self.trajectory);
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
@@ -172,7 +167,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.progress.inner_tolerance =
             (0.1 * self.progress.inner_tolerance).max(self.options.stationarity_tolerance);
         self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
-        self.expand_cost();
+        self.expand();
         None
     }
 
@@ -206,7 +201,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     fn reuse_factorization(&mut self) -> bool {
         self.policy
-            .reuse(self.problem, &self.trajectory, &self.expansion, &self.adjoint)
+            .reuse(self.problem, &self.trajectory, &self.adjoint)
             .is_ok()
     }
 
@@ -239,6 +234,10 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         };
         std::mem::swap(&mut self.trajectory, &mut self.candidate);
         self.progress.merit = merit;
+        if step_length < 1.0 {
+            // The line search linearizes along the full step only.
+            self.trajectory.linearize(self.dynamics);
+        }
         self.progress.reusable = step_length == 1.0;
         true
     }
