@@ -222,7 +222,9 @@ impl Policy {
             gradient,
             ..
         } = &self.scratch;
-        self.holds[vector.clone()].fill(Hold::Free);
+        for (j, hold) in self.holds[vector.clone()].iter_mut().enumerate() {
+            *hold = command_box::initial_hold(lower[j], upper[j], gradient[j]);
+        }
         command_box::minimize(
             &self.hessians[matrix.clone()],
             gradient,
