@@ -1,5 +1,9 @@
 //! What a plan is flown on: the [`Vehicle`] interface, and vehicles outside this process.
 
+mod exec;
+
+pub use exec::{ExecError, ExecFault, ExecOptions, ExecVehicle};
+
 use crate::flight::{Configuration, Pose};
 
 /// What the vehicle reports after a reset or a step.
@@ -21,11 +25,22 @@ pub trait Vehicle {
     /// Holds `command` (quadrotor position, m) for [`crate::DT`] seconds while the arm is told to go to
     /// `configuration`, and returns the newest poses.
     fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError>;
+
+    /// Ends the session in good order. Vehicles that hold nothing outside this process have nothing to do.
+    fn close(&mut self) -> Result<(), VehicleError> {
+        Ok(())
+    }
 }
 
 /// Why a vehicle can no longer be flown.
 #[derive(Debug, thiserror::Error)]
 pub enum VehicleError {
+    /// A command or configuration that the vehicle cannot take.
+    #[error("the vehicle refused {what}")]
+    Refused {
+        /// What was found, and what was expected.
+        what: String,
+    },
     /// The simulation left the finite numbers.
     #[error("the simulated vehicle diverged at t = {t_s:.3} s: {what}")]
     Diverged {
@@ -34,4 +49,7 @@ pub enum VehicleError {
         /// What was found.
         what: String,
     },
+    /// A vehicle in a child process failed or broke the protocol.
+    #[error(transparent)]
+    Exec(#[from] ExecError),
 }

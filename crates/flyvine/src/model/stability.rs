@@ -1,0 +1,26 @@
+//! Linear stability of a model about a point.
+
+use crate::trajopt::Dynamics;
+use faer::Mat;
+
+/// Spectral radius of the transition matrix `∂z⁺/∂z` of `dynamics` at `(state, command)`, knot 0: the fresh rows'
+/// Jacobian above the shift. `None` if the eigenvalue iteration does not converge.
+pub fn spectral_radius(dynamics: &impl Dynamics, state: &[f64], command: &[f64]) -> Option<f64> {
+    let (n, m, fresh) = (dynamics.state_len(), dynamics.command_len(), dynamics.fresh_len());
+    let mut jacobian = vec![0.0; fresh * (n + m)];
+    dynamics.jacobian(0, state, command, &mut jacobian);
+    let transition = Mat::from_fn(n, n, |row, column| {
+        if row < fresh {
+            jacobian[row * (n + m) + column]
+        } else {
+            f64::from(u8::from(row - fresh == column))
+        }
+    });
+    let eigenvalues = transition.eigenvalues().ok()?;
+    Some(
+        eigenvalues
+            .iter()
+            .map(|value| value.re.hypot(value.im))
+            .fold(0.0, f64::max),
+    )
+}

@@ -1,0 +1,472 @@
+//! Every number of the simulated vehicle, from TOML or as calibrated.
+
+use serde::{Deserialize, Serialize};
+
+use super::autopilot::AutopilotParameters;
+use super::mocap::MocapParameters;
+use super::pneumatics::PneumaticsParameters;
+use super::wind::WindParameters;
+
+/// The simulated vehicle. [`Default`] is the set calibrated against the paper's flights.
+///
+/// In TOML every table and key may be left out; unknown keys are refused.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VehicleParameters {
+    /// Time steps and discretization.
+    pub simulation: SimulationParameters,
+    /// The flying body.
+    pub quadrotor: QuadrotorParameters,
+    /// The inflated arm.
+    pub arm: ArmParameters,
+    /// Pumps, leak and pressure control.
+    pub pneumatics: PneumaticsParameters,
+    /// Flight controller.
+    pub autopilot: AutopilotParameters,
+    /// Motion capture.
+    pub mocap: MocapParameters,
+    /// Moving air.
+    pub wind: WindParameters,
+    /// What the arm carries.
+    pub payload: PayloadParameters,
+}
+
+/// Time steps and discretization.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SimulationParameters {
+    /// Longest physics step, s. The step used is the rate loop's period over a whole number.
+    pub max_step_s: f64,
+    /// Number of links of the arm.
+    pub links: usize,
+}
+
+/// The flying body: frame, motors, battery and the arm's electronics.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct QuadrotorParameters {
+    /// Mass of the whole vehicle, arm included and payload not, kg.
+    pub total_mass_kg: f64,
+    /// Principal moments of inertia without the arm, body axes, kg m².
+    pub inertia_kg_m2: [f64; 3],
+    /// Distance of the motors from the centre along body x and along body y (X layout), m.
+    pub motor_offset_m: f64,
+    /// Thrust of all four motors at full throttle, N.
+    pub max_thrust_n: f64,
+    /// First-order lag of the motors' thrust, s.
+    pub motor_time_constant_s: f64,
+    /// Yaw torque per thrust of a propeller, m.
+    pub torque_per_thrust_m: f64,
+    /// Linear air drag per body axis, N/(m/s).
+    pub drag_n_s_m: [f64; 3],
+    /// Distance from the centre of mass down to the clamp, where the tube starts to bend, m.
+    pub clamp_offset_m: f64,
+}
+
+/// The inflated arm.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ArmParameters {
+    /// Mass of tip mount and spool with the tube fully wound up, kg.
+    pub tip_mass_kg: f64,
+    /// Moment of inertia of the tip about its centre across the arm, kg m².
+    pub tip_inertia_transverse_kg_m2: f64,
+    /// Moment of inertia of the tip about the arm's axis, kg m².
+    pub tip_inertia_axial_kg_m2: f64,
+    /// Distance from the end of the bending tube to the end effector, m.
+    pub tip_offset_m: f64,
+    /// Mass of the deployed tube with its coil and wires per length, kg/m. Fed from the spool.
+    pub linear_density_kg_m: f64,
+    /// Diameter of the tube, m.
+    pub diameter_m: f64,
+    /// Drag coefficient across the tube (cylinder in cross flow).
+    pub drag_coefficient_normal: f64,
+    /// Drag coefficient along the tube, on its lateral surface.
+    pub drag_coefficient_tangential: f64,
+    /// Drag area of the tip (coefficient times frontal area), m².
+    pub tip_drag_area_m2: f64,
+    /// Greatest growth rate, m/s.
+    pub max_growth_rate_m_s: f64,
+    /// First-order lag of the growth motor, s.
+    pub growth_time_constant_s: f64,
+    /// Shortest and longest rest distance from quadrotor to end effector, m.
+    pub length_range_m: [f64; 2],
+    /// Beam properties at the four corners of the configuration grid, interpolated bilinearly between them
+    /// and held beyond.
+    pub corners: Corners,
+}
+
+/// Lengths of the short and the long arm of the configuration grid, m.
+pub const CORNER_LENGTHS_M: [f64; 2] = [0.7, 1.0];
+/// Pressures of the empty and the inflated arm of the configuration grid, kPa.
+pub const CORNER_PRESSURES_KPA: [f64; 2] = [0.0, 0.4];
+
+/// Beam properties at the corners of the configuration grid.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Corners {
+    /// 0.7 m, 0 kPa.
+    pub empty_short: Beam,
+    /// 0.7 m, 0.4 kPa.
+    pub inflated_short: Beam,
+    /// 1.0 m, 0 kPa.
+    pub empty_long: Beam,
+    /// 1.0 m, 0.4 kPa.
+    pub inflated_long: Beam,
+}
+
+/// Bending of the tube at one length and pressure.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Beam {
+    /// Bending stiffness EI, N m².
+    pub stiffness_n_m2: f64,
+    /// Bending damping (torque per rate of curvature), N m² s.
+    pub damping_n_m2_s: f64,
+    /// Moment at which the tube wrinkles and its stiffness saturates, N m.
+    pub collapse_moment_n_m: f64,
+}
+
+/// What the arm carries besides itself.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PayloadParameters {
+    /// Point mass at the end effector, kg. The autopilot does not know of it, but has trimmed its weight
+    /// when a flight starts.
+    pub tip_mass_kg: f64,
+}
+
+impl Default for SimulationParameters {
+    fn default() -> Self {
+        SimulationParameters {
+            max_step_s: 0.0025,
+            links: 8,
+        }
+    }
+}
+
+impl Default for QuadrotorParameters {
+    fn default() -> Self {
+        QuadrotorParameters {
+            total_mass_kg: 1.7,
+            inertia_kg_m2: [0.012, 0.012, 0.018],
+            motor_offset_m: 0.09,
+            max_thrust_n: 4.0 * 9.81,
+            motor_time_constant_s: 0.04,
+            torque_per_thrust_m: 0.015,
+            drag_n_s_m: [0.3, 0.3, 0.3],
+            clamp_offset_m: 0.13,
+        }
+    }
+}
+
+impl Default for ArmParameters {
+    fn default() -> Self {
+        ArmParameters {
+            tip_mass_kg: 0.16,
+            tip_inertia_transverse_kg_m2: 3e-4,
+            tip_inertia_axial_kg_m2: 2e-4,
+            tip_offset_m: 0.08,
+            linear_density_kg_m: 0.07,
+            diameter_m: 0.08,
+            drag_coefficient_normal: 1.2,
+            drag_coefficient_tangential: 0.02,
+            tip_drag_area_m2: 0.008,
+            max_growth_rate_m_s: 0.02,
+            growth_time_constant_s: 0.1,
+            length_range_m: [0.45, 1.2],
+            corners: Corners {
+                empty_short: Beam {
+                    stiffness_n_m2: 0.05,
+                    damping_n_m2_s: 0.008,
+                    collapse_moment_n_m: 10.0,
+                },
+                inflated_short: Beam {
+                    stiffness_n_m2: 0.06,
+                    damping_n_m2_s: 0.005,
+                    collapse_moment_n_m: 10.0,
+                },
+                empty_long: Beam {
+                    stiffness_n_m2: 0.04,
+                    damping_n_m2_s: 0.03,
+                    collapse_moment_n_m: 10.0,
+                },
+                inflated_long: Beam {
+                    stiffness_n_m2: 0.04,
+                    damping_n_m2_s: 0.02,
+                    collapse_moment_n_m: 10.0,
+                },
+            },
+        }
+    }
+}
+
+impl Corners {
+    /// The beam at a length (m) and pressure (kPa).
+    pub fn at(&self, length_m: f64, pressure_kpa: f64) -> Beam {
+        let fraction = |value: f64, [low, high]: [f64; 2]| ((value - low) / (high - low)).clamp(0.0, 1.0);
+        let (s, t) = (
+            fraction(length_m, CORNER_LENGTHS_M),
+            fraction(pressure_kpa, CORNER_PRESSURES_KPA),
+        );
+        let blend = |value: fn(&Beam) -> f64| {
+            (1.0 - t) * ((1.0 - s) * value(&self.empty_short) + s * value(&self.empty_long))
+                + t * ((1.0 - s) * value(&self.inflated_short) + s * value(&self.inflated_long))
+        };
+        Beam {
+            stiffness_n_m2: blend(|beam| beam.stiffness_n_m2),
+            damping_n_m2_s: blend(|beam| beam.damping_n_m2_s),
+            collapse_moment_n_m: blend(|beam| beam.collapse_moment_n_m),
+        }
+    }
+}
+
+/// Why vehicle parameters cannot be used.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum ParameterError {
+    /// Not a number, or infinite.
+    #[error("{name} = {found}: must be a finite number")]
+    NotFinite {
+        /// Path of the parameter, as in the TOML file.
+        name: String,
+        /// What was found.
+        found: f64,
+    },
+    /// Outside its range.
+    #[error("{name} = {found}: must lie between {low} and {high} {unit}")]
+    OutOfRange {
+        /// Path of the parameter, as in the TOML file.
+        name: String,
+        /// What was found.
+        found: f64,
+        /// Smallest allowed value.
+        low: f64,
+        /// Greatest allowed value.
+        high: f64,
+        /// Unit of the three.
+        unit: &'static str,
+    },
+    /// Parameters that contradict each other.
+    #[error("{what}")]
+    Contradiction {
+        /// The contradiction, with the values.
+        what: String,
+    },
+    /// Not TOML, an unknown key, or a value of the wrong type.
+    #[error("vehicle TOML: {message}")]
+    Syntax {
+        /// The parser's message with line and key.
+        message: String,
+    },
+}
+
+/// Checks one number after another; the first fault wins.
+pub(super) struct Checker {
+    prefix: &'static str,
+}
+
+impl Checker {
+    pub(super) fn new(prefix: &'static str) -> Checker {
+        Checker { prefix }
+    }
+
+    pub(super) fn range(
+        &self,
+        name: &str,
+        found: f64,
+        low: f64,
+        high: f64,
+        unit: &'static str,
+    ) -> Result<(), ParameterError> {
+        let name = format!("{}.{name}", self.prefix);
+        if !found.is_finite() {
+            return Err(ParameterError::NotFinite { name, found });
+        }
+        if !(low..=high).contains(&found) {
+            return Err(ParameterError::OutOfRange {
+                name,
+                found,
+                low,
+                high,
+                unit,
+            });
+        }
+        Ok(())
+    }
+}
+
+impl VehicleParameters {
+    /// Reads and validates TOML.
+    pub fn from_toml(text: &str) -> Result<VehicleParameters, ParameterError> {
+        let parameters: VehicleParameters = toml::from_str(text).map_err(|error| ParameterError::Syntax {
+            message: error.to_string(),
+        })?;
+        parameters.validate()?;
+        Ok(parameters)
+    }
+
+    /// Refuses numbers that are not finite, outside the physical range, or contradict each other.
+    pub fn validate(&self) -> Result<(), ParameterError> {
+        self.simulation.validate()?;
+        self.quadrotor.validate()?;
+        self.arm.validate()?;
+        self.pneumatics.validate()?;
+        self.autopilot.validate()?;
+        self.mocap.validate()?;
+        self.wind.validate()?;
+        Checker::new("payload").range("tip_mass_kg", self.payload.tip_mass_kg, 0.0, 1.0, "kg")?;
+        self.validate_together()
+    }
+
+    fn validate_together(&self) -> Result<(), ParameterError> {
+        let contradiction = |what: String| Err(ParameterError::Contradiction { what });
+        let arm = &self.arm;
+        let [shortest, longest] = arm.length_range_m;
+        let rigid = self.quadrotor.clamp_offset_m + arm.tip_offset_m;
+        if shortest < rigid + 0.05 {
+            return contradiction(format!(
+                "arm.length_range_m starts at {shortest} m, but clamp and tip offsets alone take {rigid:.3} m: \
+                 at least 0.05 m of tube must remain"
+            ));
+        }
+        if longest <= shortest {
+            return contradiction(format!(
+                "arm.length_range_m = [{shortest}, {longest}]: must be ascending"
+            ));
+        }
+        let wound = arm.tip_mass_kg - arm.linear_density_kg_m * (longest - rigid);
+        if wound < 0.02 {
+            return contradiction(format!(
+                "arm.tip_mass_kg = {} leaves {wound:.3} kg at the tip of the longest arm: at least 0.02 kg expected",
+                arm.tip_mass_kg
+            ));
+        }
+        let quadrotor = &self.quadrotor;
+        if quadrotor.total_mass_kg - arm.tip_mass_kg < 0.2 {
+            return contradiction(format!(
+                "quadrotor.total_mass_kg = {} with an arm of {} kg leaves less than 0.2 kg for the quadrotor",
+                quadrotor.total_mass_kg, arm.tip_mass_kg
+            ));
+        }
+        let weight = (quadrotor.total_mass_kg + self.payload.tip_mass_kg) * crate::GRAVITY;
+        if quadrotor.max_thrust_n < 1.1 * weight {
+            return contradiction(format!(
+                "quadrotor.max_thrust_n = {} cannot carry the weight of {weight:.2} N with a tenth to spare",
+                quadrotor.max_thrust_n
+            ));
+        }
+        Ok(())
+    }
+}
+
+impl SimulationParameters {
+    fn validate(&self) -> Result<(), ParameterError> {
+        let check = Checker::new("simulation");
+        check.range("max_step_s", self.max_step_s, 1e-6, 0.01, "s")?;
+        check.range("links", self.links as f64, 1.0, 200.0, "links")
+    }
+}
+
+impl QuadrotorParameters {
+    fn validate(&self) -> Result<(), ParameterError> {
+        let check = Checker::new("quadrotor");
+        check.range("total_mass_kg", self.total_mass_kg, 0.01, 100.0, "kg")?;
+        for inertia in self.inertia_kg_m2 {
+            check.range("inertia_kg_m2", inertia, 1e-6, 10.0, "kg m²")?;
+        }
+        check.range("motor_offset_m", self.motor_offset_m, 0.01, 2.0, "m")?;
+        check.range("max_thrust_n", self.max_thrust_n, 0.1, 5000.0, "N")?;
+        check.range(
+            "motor_time_constant_s",
+            self.motor_time_constant_s,
+            1e-3,
+            0.5,
+            "s",
+        )?;
+        check.range("torque_per_thrust_m", self.torque_per_thrust_m, 1e-4, 0.5, "m")?;
+        for drag in self.drag_n_s_m {
+            check.range("drag_n_s_m", drag, 0.0, 10.0, "N/(m/s)")?;
+        }
+        check.range("clamp_offset_m", self.clamp_offset_m, 0.0, 0.5, "m")
+    }
+}
+
+impl ArmParameters {
+    fn validate(&self) -> Result<(), ParameterError> {
+        let check = Checker::new("arm");
+        check.range("tip_mass_kg", self.tip_mass_kg, 0.005, 10.0, "kg")?;
+        check.range(
+            "tip_inertia_transverse_kg_m2",
+            self.tip_inertia_transverse_kg_m2,
+            1e-7,
+            0.1,
+            "kg m²",
+        )?;
+        check.range(
+            "tip_inertia_axial_kg_m2",
+            self.tip_inertia_axial_kg_m2,
+            1e-7,
+            0.1,
+            "kg m²",
+        )?;
+        check.range("tip_offset_m", self.tip_offset_m, 0.0, 0.5, "m")?;
+        check.range("linear_density_kg_m", self.linear_density_kg_m, 1e-4, 5.0, "kg/m")?;
+        check.range("diameter_m", self.diameter_m, 1e-3, 0.5, "m")?;
+        check.range(
+            "drag_coefficient_normal",
+            self.drag_coefficient_normal,
+            0.0,
+            5.0,
+            "",
+        )?;
+        check.range(
+            "drag_coefficient_tangential",
+            self.drag_coefficient_tangential,
+            0.0,
+            5.0,
+            "",
+        )?;
+        check.range("tip_drag_area_m2", self.tip_drag_area_m2, 0.0, 1.0, "m²")?;
+        check.range("max_growth_rate_m_s", self.max_growth_rate_m_s, 0.0, 0.5, "m/s")?;
+        check.range(
+            "growth_time_constant_s",
+            self.growth_time_constant_s,
+            1e-3,
+            10.0,
+            "s",
+        )?;
+        for length in self.length_range_m {
+            check.range("length_range_m", length, 0.05, 10.0, "m")?;
+        }
+        let corners = &self.corners;
+        for (name, beam) in [
+            ("corners.empty_short", corners.empty_short),
+            ("corners.inflated_short", corners.inflated_short),
+            ("corners.empty_long", corners.empty_long),
+            ("corners.inflated_long", corners.inflated_long),
+        ] {
+            check.range(
+                &format!("{name}.stiffness_n_m2"),
+                beam.stiffness_n_m2,
+                0.0,
+                100.0,
+                "N m²",
+            )?;
+            check.range(
+                &format!("{name}.damping_n_m2_s"),
+                beam.damping_n_m2_s,
+                0.0,
+                100.0,
+                "N m² s",
+            )?;
+            check.range(
+                &format!("{name}.collapse_moment_n_m"),
+                beam.collapse_moment_n_m,
+                1e-4,
+                1e6,
+                "N m",
+            )?;
+        }
+        Ok(())
+    }
+}

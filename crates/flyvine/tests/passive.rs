@@ -1,0 +1,193 @@
+//! The arm alone, clamped at its base, against an independent simulation (MuJoCo at 1e-5 s); see
+//! `data/passive/README.md`.
+
+use flyvine::sim::chain::{Chain, ChainState, Growth, Joint, Link, Load, Tip};
+use flyvine::sim::integrator::{LinearlyImplicit, RungeKutta4};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+#[derive(Deserialize)]
+struct Parameters {
+    gravity: f64,
+    n_links: usize,
+    configs: BTreeMap<String, Configuration>,
+}
+
+#[derive(Deserialize)]
+#[allow(non_snake_case)] // the file's own names
+struct Configuration {
+    link_length_m: f64,
+    link_mass_kg: f64,
+    link_com_from_upper_joint_m: f64,
+    link_inertia_transverse: f64,
+    link_inertia_axial: f64,
+    tip_mass_kg: f64,
+    tip_inertia_transverse: f64,
+    tip_inertia_axial: f64,
+    h_tip_m: f64,
+    joint0_stiffness_Nm_per_rad: f64,
+    joint_stiffness_Nm_per_rad: f64,
+    joint0_damping_Nms_per_rad: f64,
+    joint_damping_Nms_per_rad: f64,
+    initial_ball_quaternions_wxyz: BTreeMap<String, Vec<f64>>,
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/passive")
+}
+
+fn parameters() -> Parameters {
+    let text = std::fs::read_to_string(folder().join("passive_params.json")).expect("bundled parameters");
+    serde_json::from_str(&text).expect("bundled parameters are JSON")
+}
+
+impl Configuration {
+    fn chain(&self, links: usize, gravity: f64) -> Chain {
+        let link = Link {
+            length_m: self.link_length_m,
+            mass_kg: self.link_mass_kg,
+            center_m: self.link_com_from_upper_joint_m,
+            inertia_transverse_kg_m2: self.link_inertia_transverse,
+            inertia_axial_kg_m2: self.link_inertia_axial,
+            drag_normal: 0.0,
+            drag_tangential: 0.0,
+        };
+        let joint = |stiffness, damping| Joint {
+            stiffness,
+            damping,
+            collapse_moment: f64::INFINITY,
+        };
+        let mut joints = vec![joint(self.joint_stiffness_Nm_per_rad, self.joint_damping_Nms_per_rad); links];
+        joints[0] = joint(self.joint0_stiffness_Nm_per_rad, self.joint0_damping_Nms_per_rad);
+        Chain {
+            base: None,
+            links: vec![link; links],
+            joints,
+            tip: Tip {
+                mass_kg: self.tip_mass_kg,
+                offset_m: self.h_tip_m,
+                inertia_transverse_kg_m2: self.tip_inertia_transverse,
+                inertia_axial_kg_m2: self.tip_inertia_axial,
+                drag: 0.0,
+            },
+            growth: Growth::default(),
+            gravity,
+        }
+    }
+
+    fn start(&self, case: &str, links: usize) -> ChainState {
+        let mut state = ChainState::hanging(Vector3::zeros(), links);
+        let mut attitude = UnitQuaternion::identity();
+        for (link, q) in state
+            .links
+            .iter_mut()
+            .zip(self.initial_ball_quaternions_wxyz[case].chunks(4))
+        {
+            attitude *= UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]));
+            *link = attitude;
+        }
+        state
+    }
+}
+
+/// Tip positions every 10 ms for `duration_s`.
+fn swing(chain: &Chain, state: &mut ChainState, step: f64, duration_s: f64) -> Vec<Vector3<f64>> {
+    let mut integrator = LinearlyImplicit::new(chain.links.len());
+    let every = (0.01 / step).round() as usize;
+    let mut tips = vec![chain.end_effector(state)];
+    for k in 1..=(duration_s / step).round() as usize {
+        integrator.step(chain, state, &[Load::default(); 2], step);
+        if k % every == 0 {
+            tips.push(chain.end_effector(state));
+        }
+    }
+    tips
+}
+
+fn reference(name: &str) -> Vec<Vector3<f64>> {
+    let mut reader = csv::Reader::from_path(folder().join(format!("{name}.csv"))).expect("bundled file");
+    reader
+        .deserialize::<[f64; 4]>()
+        .map(|row| row.expect("four numbers"))
+        .map(|[_, x, y, z]| Vector3::new(x, y, z))
+        .collect()
+}
+
+fn rms(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    (a.iter().zip(b).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / a.len() as f64).sqrt()
+}
+
+#[test]
+fn tip_follows_the_reference_swings() {
+    let parameters = parameters();
+    let default_step = flyvine::sim::VehicleParameters::default().simulation.max_step_s;
+    for (name, configuration) in &parameters.configs {
+        let chain = configuration.chain(parameters.n_links, parameters.gravity);
+        for case in ["tilt30", "bent"] {
+            let mut state = configuration.start(case, parameters.n_links);
+            let tips = swing(&chain, &mut state, default_step, 5.0);
+            let error = rms(&tips, &reference(&format!("{name}_{case}")));
+            // The bar of the project is 1 mm; this integrator is far inside it.
+            assert!(
+                error < 1e-4,
+                "{name} {case}: tip off by {:.4} mm RMS",
+                1e3 * error
+            );
+        }
+    }
+}
+
+/// Second order: halving the step divides the distance to the converged swing by four.
+#[test]
+fn error_falls_with_the_square_of_the_step() {
+    let parameters = parameters();
+    for (name, configuration) in &parameters.configs {
+        let chain = configuration.chain(parameters.n_links, parameters.gravity);
+        let tips = |step| {
+            swing(
+                &chain,
+                &mut configuration.start("tilt60", parameters.n_links),
+                step,
+                2.0,
+            )
+        };
+        let converged = tips(1e-4);
+        let (coarse, fine) = (rms(&tips(2e-3), &converged), rms(&tips(1e-3), &converged));
+        let order = (coarse / fine).log2();
+        assert!(
+            order > 1.7,
+            "{name}: order {order:.2} ({coarse:.2e} m, {fine:.2e} m)"
+        );
+    }
+}
+
+/// Undamped, with the explicit integrator at a step that resolves the fastest mode of the light links.
+#[test]
+fn energy_is_kept_without_damping() {
+    let parameters = parameters();
+    for (name, configuration) in &parameters.configs {
+        let mut chain = configuration.chain(parameters.n_links, parameters.gravity);
+        chain.joints.iter_mut().for_each(|joint| joint.damping = 0.0);
+        let total = |state: &ChainState| {
+            let (kinetic, potential) = chain.energy(state);
+            kinetic + potential
+        };
+        let mut state = configuration.start("tilt30", parameters.n_links);
+        let start = total(&state);
+        let (mut drift, mut greatest) = (0.0_f64, 0.0_f64);
+        let mut integrator = RungeKutta4::new(chain.links.len());
+        for _ in 0..200_000 {
+            integrator.step(&chain, &mut state, &Load::default(), 5e-5);
+            drift = drift.max((total(&state) - start).abs());
+            greatest = greatest.max(chain.energy(&state).0);
+        }
+        assert!(
+            drift < 1e-4 * greatest,
+            "{name}: energy drifts by {:.1e}",
+            drift / greatest
+        );
+    }
+}
