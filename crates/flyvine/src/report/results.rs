@@ -177,13 +177,13 @@ pub enum ReportError {
 }
 
 impl Experiment {
-    /// The name for people, for example "Lemniscate, period 10 s, ES".
+    /// The name for people, for example "Lemniscate, period 10 s, ES"; the user's own name for waypoints.
     pub fn title(&self) -> String {
         let task = match self.kind {
             ExperimentKind::Lemniscate => "Lemniscate",
             ExperimentKind::Swing => "Swing",
             ExperimentKind::Deploy => "Deployment",
-            ExperimentKind::Waypoints => "Waypoints",
+            ExperimentKind::Waypoints => return self.name.clone(),
         };
         match self.period_s {
             Some(period_s) => format!("{task}, period {period_s} s, {}", self.label),

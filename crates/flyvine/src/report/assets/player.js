@@ -196,8 +196,9 @@
     End: () => seek(state.experiment.rows - 1),
   };
   document.addEventListener("keydown", (event) => {
-    const busy = event.target.closest("select, textarea, a, button, input:not([type=range])");
-    if (!visible || busy || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
+    const typing = event.target.closest("select, textarea, input:not([type=range], [type=checkbox])");
+    const pressing = event.key === " " && event.target.closest("a, button, summary, [type=checkbox]");
+    if (!visible || typing || pressing || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
     event.preventDefault();
     keys[event.key](event);
   });
