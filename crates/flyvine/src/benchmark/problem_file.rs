@@ -136,15 +136,12 @@ fn parse_dynamics(
     }
     let schedule = root.get("schedule", "null, or weights of the models at every step")?;
     match (schedule.value.is_null(), models.len()) {
-        (true, 1) => Ok(ScheduledLagDynamics::constant(&models[0])),
+        (true, 1) => Ok(ScheduledLagDynamics::new(models, vec![1.0], m)),
         (true, _) => Err(models_node.unexpected("one model where the schedule is null")),
         (false, 0) => Err(models_node.unexpected("at least one model")),
         (false, count) => {
             let weights = schedule.matrix(steps, count)?;
-            let blend = |weights: &[f64]| HeightModel::combination(weights, &models);
-            Ok(ScheduledLagDynamics::scheduled(
-                weights.chunks_exact(count).map(blend),
-            ))
+            Ok(ScheduledLagDynamics::new(models, weights, m))
         }
     }
 }

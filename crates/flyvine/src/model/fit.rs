@@ -1,23 +1,24 @@
 //! From flights to a bank.
 
-use super::SIGNALS;
 use super::bank::{
     Bank, BankModel, BankProvenance, LENGTH_TOLERANCE_M, Model, ModelDiagnostics, PRESSURE_TOLERANCE_KPA,
     same,
 };
-use super::corner::Corner;
+use super::corner::{Corner, Ridges, Shape};
 use super::error::ModelError;
 use super::lag::CommandInputs;
+use super::one_step::one_step_rmse;
 use super::options::{FitOptions, Ridge, Structure, VelocityInput};
 use super::selection::{Candidate, CrossValidation, HeldOutError, best};
 use super::track::{Track, constant_configuration};
 use crate::flight::{Configuration, Flight};
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Ridge strengths tried on the linear rows.
-const LINEAR_RIDGES: [f64; 6] = [0.0, 1e-8, 1e-6, 1e-5, 1e-4, 1e-3];
+const LINEAR_RIDGES: [f64; 6] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 /// Ridge strengths tried on the quadratic height row.
-const HEIGHT_RIDGES: [f64; 8] = [0.0, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
+const HEIGHT_RIDGES: [f64; 6] = [0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
 
 /// A spectral radius at rest above this is unstable: a predicted height that keeps its value has exactly 1, and
 /// noise moves it a little either way.
@@ -144,19 +145,24 @@ fn attempt(
         .iter()
         .map(|flight| Track::new(flight, inputs))
         .collect::<Result<Vec<_>, _>>()?;
+    let shape = Shape {
+        structure: options.structure,
+        lags: options.lags,
+        inputs,
+    };
     let corner = |(configuration, members): &(Configuration, Vec<usize>)| {
-        Corner::new(
-            *configuration,
-            members,
-            &tracks,
-            (options.structure, options.lags, inputs),
-        )
+        Corner::new(*configuration, members, &tracks, shape)
     };
     let corners = groups.corners.iter().map(corner).collect::<Result<Vec<_>, _>>()?;
-    let validation = CrossValidation::new(&corners, &tracks, &groups.interior, inputs)?;
+    let validation = CrossValidation {
+        corners: &corners,
+        tracks: &tracks,
+        interior: &groups.interior,
+        inputs,
+    };
     let candidates = scan(&validation, options)?;
     let chosen = best(&candidates);
-    let bank = assemble(&validation, &candidates[chosen], groups, flights, options)?;
+    let bank = assemble(&validation, &candidates[chosen], options)?;
     Ok(Attempt {
         chosen,
         standing_still: validation.standing_still(),
@@ -174,21 +180,25 @@ fn scan(validation: &CrossValidation, options: &FitOptions) -> Result<Vec<Candid
     };
     let linear = strengths(options.linear_ridge, &LINEAR_RIDGES);
     let height = strengths(options.height_ridge, &HEIGHT_RIDGES);
-    if options.structure == Structure::Linear {
-        return linear
+    let attempt = |linear: f64, height: Option<f64>| validation.try_candidate(Ridges { linear, height });
+    let rows_only = || {
+        linear
             .iter()
-            .map(|&ridge| validation.try_candidate(ridge, None))
-            .collect();
+            .map(|&ridge| attempt(ridge, None))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    if options.structure == Structure::Linear {
+        return rows_only();
     }
-    let mut candidates = vec![validation.try_candidate(linear[0], Some(height[0]))?];
-    let rows_only: Vec<Candidate> = linear
-        .iter()
-        .map(|&ridge| validation.try_candidate(ridge, None))
-        .collect::<Result<_, _>>()?;
-    let linear_ridge = rows_only[best(&rows_only)].linear_ridge;
+    let mut candidates = vec![attempt(linear[0], Some(height[0]))?];
+    let linear_ridge = if linear.len() == 1 {
+        linear[0]
+    } else {
+        rows_only().map(|tried| tried[best(&tried)].linear_ridge)?
+    };
     for &ridge in &height {
         if linear_ridge != linear[0] || ridge != height[0] {
-            candidates.push(validation.try_candidate(linear_ridge, Some(ridge))?);
+            candidates.push(attempt(linear_ridge, Some(ridge))?);
         }
     }
     Ok(candidates)
@@ -198,30 +208,36 @@ fn scan(validation: &CrossValidation, options: &FitOptions) -> Result<Vec<Candid
 fn assemble(
     validation: &CrossValidation,
     chosen: &Candidate,
-    groups: &Groups,
-    flights: &[Flight],
     options: &FitOptions,
 ) -> Result<Bank, ModelError> {
-    let mut models = Vec::new();
-    for (solver, (configuration, members)) in validation.full.iter().zip(&groups.corners) {
-        let model = Model::Lag(solver.model(chosen.linear_ridge, chosen.height_ridge)?);
-        let (height_condition, linear_condition_number) = solver.condition_numbers();
-        let rms = solver.residual_rms(chosen.linear_ridge, chosen.height_ridge);
+    let ridges = Ridges {
+        linear: chosen.linear_ridge,
+        height: chosen.height_ridge,
+    };
+    let fit = |corner: &Corner| {
+        let (configuration, model) = (corner.configuration, Model::Lag(corner.model(ridges)?));
+        let members = corner.members(validation.tracks);
+        let (height_condition, linear_condition_number) = corner.condition_numbers()?;
         let diagnostics = ModelDiagnostics {
-            flights: members.iter().map(|&index| flights[index].name.clone()).collect(),
-            rows: solver.rows,
-            coefficients: solver.coefficients(),
+            flights: members.iter().map(|track| track.flight.name.clone()).collect(),
+            rows: corner.rows(),
+            coefficients: corner.coefficients(),
             condition_number: height_condition.unwrap_or(linear_condition_number),
             linear_condition_number,
-            spectral_radius: model.spectral_radius(*configuration)?,
-            residual_rms: SIGNALS.iter().map(|name| name.to_string()).zip(rms).collect(),
+            spectral_radius: model.spectral_radius(configuration)?,
+            residual_rms: one_step_rmse(&model, &members),
         };
-        models.push(BankModel {
-            configuration: *configuration,
+        Ok(BankModel {
+            configuration,
             model,
             diagnostics,
-        });
-    }
+        })
+    };
+    let models = validation
+        .corners
+        .par_iter()
+        .map(fit)
+        .collect::<Result<_, ModelError>>()?;
     let provenance = BankProvenance {
         tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
         inputs: Vec::new(),

@@ -21,6 +21,7 @@ mod features;
 mod fit;
 mod lag;
 mod least_squares;
+mod one_step;
 mod options;
 mod rollout;
 mod selection;

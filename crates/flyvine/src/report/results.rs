@@ -6,7 +6,7 @@ use super::score::{DistanceStatistics, Score, SwingTarget};
 use crate::flight::{Configuration, Flight};
 
 /// Everything that one report shows. Lists may be empty: what is absent is left out of the page.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Results {
     /// What was run.
     pub summary: RunSummary,

@@ -206,7 +206,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     fn reuse_factorization(&mut self) -> bool {
         self.policy
-            .reuse(self.problem, &self.trajectory, &self.adjoint)
+            .reuse(self.problem, &self.trajectory, &self.expansion, &self.adjoint)
             .is_ok()
     }
 

@@ -6,7 +6,8 @@
 
 use super::super::Problem;
 use super::expansion::Expansion;
-use super::{Shape, Trajectory, kernel};
+use super::{Shape, Trajectory};
+use crate::kernel;
 
 /// `(λ_k, g_k)` for every knot.
 #[derive(Debug, Clone)]

@@ -58,6 +58,17 @@ pub fn solve(factor: &[f64], x: &mut [f64]) {
     }
 }
 
+/// `−Q_uu⁻¹` (m × m, symmetric) on the free entries, zero on the held ones.
+pub fn negative_inverse(factor: &[f64], hold: &[Hold], inverse: &mut [f64]) {
+    for (j, column) in inverse.chunks_exact_mut(hold.len()).enumerate() {
+        column.fill(0.0);
+        if hold[j] == Hold::Free {
+            column[j] = -1.0;
+            solve(factor, column);
+        }
+    }
+}
+
 /// The minimizer for fixed holds: held entries on their bounds, free ones from the factor.
 pub fn minimize_held(
     hessian: &[f64],

@@ -8,11 +8,11 @@ pub(super) mod backward;
 pub(super) mod command_box;
 pub(super) mod expansion;
 pub(super) mod forward;
-pub(super) mod kernel;
 pub(super) mod riccati;
 pub(super) mod rollout;
 
 use super::{Dynamics, Problem};
+use crate::kernel;
 
 /// Sizes that every pass needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,12 +30,9 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// Doubles in the widest SIMD vector.
-    const LANES: usize = 8;
-
     pub fn new<D: Dynamics + ?Sized>(problem: &Problem, dynamics: &D) -> Self {
         let (state, command) = (dynamics.state_len(), dynamics.command_len());
-        let stride = (state + command).next_multiple_of(Self::LANES);
+        let stride = kernel::padded(state + command);
         Self {
             knots: problem.knots,
             state,
