@@ -24,6 +24,7 @@ pub mod benchmark;
 pub mod control;
 pub mod file;
 pub mod flight;
+mod kernel;
 pub mod link;
 pub mod model;
 pub mod report;

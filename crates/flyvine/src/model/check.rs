@@ -8,14 +8,14 @@ use super::rollout::{RolloutError, summarize, window_errors};
 use super::track::Track;
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Horizons of the rollouts, in steps: 0.5, 1, 2.5, 5 and 10 s.
 const HORIZONS: [usize; 5] = [10, 20, 50, 100, 200];
 
 /// How well a bank predicts recordings.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CheckReport {
     /// One entry per flight, in the order given.
     pub flights: Vec<FlightCheck>,
@@ -24,14 +24,14 @@ pub struct CheckReport {
 }
 
 /// How well a bank predicts one recording.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FlightCheck {
     /// Name of the flight.
     pub path: String,
     /// Its configuration; of its first row, where it changes.
     pub configuration: Configuration,
     /// Configuration of its last row, where it changes.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_configuration: Option<Configuration>,
     /// Root-mean-square error of one-step predictions per signal, m (positions) or 1 (attitude); empty if no
     /// row has valid lags.
@@ -41,7 +41,7 @@ pub struct FlightCheck {
 }
 
 /// Numbers of one model of the bank.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ModelCheck {
     /// Where it sits.
     pub configuration: Configuration,

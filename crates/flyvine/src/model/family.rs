@@ -77,6 +77,11 @@ impl Dynamics for Model {
         model.jacobian(knot, state, command, jacobian);
     }
 
+    fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+        let Self::Lag(model) = self;
+        model.linearize(knot, z, u, fresh, jacobian);
+    }
+
     fn add_curvature(
         &self,
         knot: usize,

@@ -7,7 +7,7 @@
 use super::lag::STATE_LEN;
 use super::track::Track;
 use crate::trajopt::Dynamics;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Rows from one window's start to the next.
@@ -26,7 +26,7 @@ pub(crate) struct WindowError {
 }
 
 /// Rollout error over one horizon.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RolloutError {
     /// Length of the windows, s.
     pub horizon_s: f64,

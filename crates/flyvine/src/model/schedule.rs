@@ -1,6 +1,8 @@
 //! Time-varying dynamics: a bank along a schedule of configurations.
 
+use super::error::ModelError;
 use super::family::Model;
+use super::lag::LagModel;
 use crate::trajopt::Dynamics;
 
 /// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
@@ -13,6 +15,40 @@ pub struct ScheduledModel {
 }
 
 impl ScheduledModel {
+    /// Lag models of one structure, mixed anew at every step: `weights` holds one row per step with a weight for
+    /// each model.
+    ///
+    /// # Errors
+    /// No models, models of different structure, or weights that are no whole number of rows.
+    pub fn mixture(models: &[LagModel], weights: &[f64]) -> Result<Self, ModelError> {
+        let rows = weights.len() / models.len().max(1);
+        if models.is_empty() || rows == 0 || weights.len() != rows * models.len() {
+            return Err(ModelError::Shape {
+                what: format!("weights for {} models", models.len()),
+                found: weights.len(),
+                expected: rows.max(1) * models.len().max(1),
+            });
+        }
+        for model in models {
+            if let Some(found) = models[0].structure_difference(model) {
+                return Err(ModelError::Unsupported {
+                    what: "mixture of models",
+                    found,
+                    expected: "models of one structure".into(),
+                });
+            }
+        }
+        let mix = |weights: &[f64]| {
+            let parts: Vec<(f64, &LagModel)> = weights.iter().copied().zip(models).collect();
+            Model::Lag(LagModel::combination(&parts))
+        };
+        let models: Vec<Model> = weights.chunks_exact(models.len()).map(mix).collect();
+        Ok(Self {
+            model_of_knot: (0..models.len()).collect(),
+            models,
+        })
+    }
+
     /// The next knot has another configuration, and this model.
     pub(crate) fn push(&mut self, model: Model) {
         self.models.push(model);
@@ -50,6 +86,10 @@ impl Dynamics for ScheduledModel {
 
     fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
         self.at_knot(knot).jacobian(knot, state, command, jacobian);
+    }
+
+    fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+        self.at_knot(knot).linearize(knot, z, u, fresh, jacobian);
     }
 
     fn add_curvature(
