@@ -34,6 +34,7 @@ pub fn autopilot() -> Vec<FreeParameter> {
             difference: 0.0834,
             ..free!(0.0, 0.12, autopilot.command_delay_s)
         },
+        free!(0.0, 0.12, autopilot.estimate_delay_s),
         free!(0.5, 2.5, autopilot.position.xy_p),
         free!(0.5, 4.0, autopilot.position.z_p),
         free!(1.0, 10.0, autopilot.position.xy_vel_p),
@@ -53,7 +54,7 @@ pub fn autopilot() -> Vec<FreeParameter> {
 /// Motors, inertia and drag of the quadrotor.
 pub fn airframe() -> Vec<FreeParameter> {
     vec![
-        free!(0.015, 0.1, quadrotor.motor_time_constant_s),
+        free!(0.02, 0.06, quadrotor.motor_time_constant_s),
         FreeParameter {
             name: "quadrotor.drag_n_s_m",
             low: 0.05,
@@ -78,16 +79,16 @@ pub fn airframe() -> Vec<FreeParameter> {
 pub fn arm() -> Vec<FreeParameter> {
     vec![
         free!(0.13, 0.22, arm.tip_mass_kg),
-        free!(0.02, 0.14, arm.tip_offset_m),
+        free!(0.03, 0.14, arm.tip_offset_m),
         free!(0.015, 0.05, arm.linear_density_kg_m),
         free!(1e-4, 2e-3, arm.tip_inertia_transverse_kg_m2),
         free!(0.2, 3.0, arm.drag_coefficient_normal),
         free!(0.001, 0.05, arm.tip_drag_area_m2),
-        free!(0.1, 10.0, arm.axial_damping_n_s_m),
+        free!(0.03, 10.0, arm.axial_damping_n_s_m),
         free!(0.003, 0.5, arm.corners.empty_short.stiffness_n_m2),
         free!(0.003, 0.5, arm.corners.inflated_short.stiffness_n_m2),
         free!(0.003, 0.5, arm.corners.empty_long.stiffness_n_m2),
-        free!(0.003, 0.5, arm.corners.inflated_long.stiffness_n_m2),
+        free!(0.002, 0.5, arm.corners.inflated_long.stiffness_n_m2),
         free!(0.0003, 0.3, arm.corners.empty_short.damping_n_m2_s),
         free!(0.0003, 0.3, arm.corners.inflated_short.damping_n_m2_s),
         free!(0.0003, 0.3, arm.corners.empty_long.damping_n_m2_s),

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::autopilot::AutopilotParameters;
+use super::contact::ContactParameters;
 use super::mocap::MocapParameters;
 use super::pneumatics::PneumaticsParameters;
 use super::wind::WindParameters;
@@ -29,6 +30,8 @@ pub struct VehicleParameters {
     pub wind: WindParameters,
     /// What the arm carries.
     pub payload: PayloadParameters,
+    /// What the end effector can touch.
+    pub contact: ContactParameters,
 }
 
 /// Time steps and discretization.
@@ -61,6 +64,11 @@ pub struct QuadrotorParameters {
     pub drag_n_s_m: [f64; 3],
     /// Distance from the centre of mass down to the clamp, where the tube starts to bend, m.
     pub clamp_offset_m: f64,
+    /// Share of thrust lost per minute of flight at the same throttle.
+    pub battery_sag_per_minute: f64,
+    /// Radius that counts for the ground effect (of one propeller, or more where they act as one), m; zero
+    /// for none.
+    pub ground_effect_radius_m: f64,
 }
 
 /// The inflated arm.
@@ -162,6 +170,8 @@ impl Default for QuadrotorParameters {
             torque_per_thrust_m: 0.015,
             drag_n_s_m: [0.286, 0.286, 0.286],
             clamp_offset_m: 0.163,
+            battery_sag_per_minute: 0.0,
+            ground_effect_radius_m: 0.0,
         }
     }
 }
@@ -331,6 +341,7 @@ impl VehicleParameters {
         self.autopilot.validate()?;
         self.mocap.validate()?;
         self.wind.validate()?;
+        self.contact.validate()?;
         Checker::new("payload").range("tip_mass_kg", self.payload.tip_mass_kg, 0.0, 1.0, "kg")?;
         self.validate_together()
     }
@@ -404,6 +415,20 @@ impl QuadrotorParameters {
         for drag in self.drag_n_s_m {
             check.range("drag_n_s_m", drag, 0.0, 10.0, "N/(m/s)")?;
         }
+        check.range(
+            "battery_sag_per_minute",
+            self.battery_sag_per_minute,
+            0.0,
+            0.5,
+            "1/min",
+        )?;
+        check.range(
+            "ground_effect_radius_m",
+            self.ground_effect_radius_m,
+            0.0,
+            1.0,
+            "m",
+        )?;
         check.range("clamp_offset_m", self.clamp_offset_m, 0.0, 0.5, "m")
     }
 }

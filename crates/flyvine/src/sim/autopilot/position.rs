@@ -232,7 +232,7 @@ fn velocity_setpoint(
 }
 
 /// The attitude whose z axis points along the thrust, heading east (yaw zero).
-fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> {
+pub(super) fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> {
     let z = force.normalize();
     // x perpendicular to z in the vertical plane of the heading; the tilt limit keeps z away from it.
     let y = z.cross(&Vector3::x()).normalize();
