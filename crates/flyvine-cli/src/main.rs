@@ -1,2 +1,68 @@
-//! The `flyvine` command line.
-fn main() {}
+//! The `flyvine` command line: parses arguments, runs one command, prints, exits.
+
+mod check;
+mod console;
+mod convert;
+mod demo;
+mod fit;
+mod flights;
+mod fly;
+mod outcome;
+mod plan;
+mod report;
+mod run_folder;
+mod score;
+mod solve;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// From motion-capture logs to flights of a drone with a soft arm whose tip goes where it is told.
+///
+/// Five commands take a lab from its recordings to a plan that it can fly:
+///
+///   flyvine convert --mapping mine.toml log.csv flight.csv   (if the recordings are not in flyvine's format)
+///   flyvine fit flights/*.csv --out bank.json
+///   flyvine check bank.json held-out.csv
+///   flyvine plan task.toml --bank bank.json --out plan.json
+///   flyvine convert plan.json commands.csv
+#[derive(Parser)]
+#[command(name = "flyvine", version, verbatim_doc_comment)]
+#[command(
+    after_help = "Exit codes: 0 done; 2 bad usage or input; 3 finished, but the result is not to be trusted \
+(not converged, diverging rollouts, aborted flight; what was made is still written); 1 internal failure.\n\
+Results go to stdout, logs and progress to stderr."
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(demo::DemoArguments),
+    Fit(fit::FitArguments),
+    Check(check::CheckArguments),
+    Plan(plan::PlanArguments),
+    Fly(fly::FlyArguments),
+    Score(score::ScoreArguments),
+    Report(report::ReportArguments),
+    Solve(solve::SolveArguments),
+    Convert(convert::ConvertArguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    outcome::exit_code(match &arguments.command {
+        Command::Demo(arguments) => demo::run(arguments),
+        Command::Fit(arguments) => fit::run(arguments),
+        Command::Check(arguments) => check::run(arguments),
+        Command::Plan(arguments) => plan::run(arguments),
+        Command::Fly(arguments) => fly::run(arguments),
+        Command::Score(arguments) => score::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
+        Command::Solve(arguments) => solve::run(arguments),
+        Command::Convert(arguments) => convert::run(arguments),
+    })
+}

@@ -20,10 +20,16 @@
 //! World frame ENU (x, y horizontal, z up), metres, seconds, radians, kilograms; pressure in kPa gauge.
 //! Quaternions are Hamilton, `world_from_body`, scalar first, `w ≥ 0`.
 
+pub mod benchmark;
+pub mod control;
 pub mod file;
 pub mod flight;
+mod kernel;
 pub mod link;
+pub mod model;
+pub mod report;
 pub mod sim;
+pub mod task;
 pub mod trajopt;
 
 /// Sample time of commands, flights and plans, s.

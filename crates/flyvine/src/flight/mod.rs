@@ -1,6 +1,34 @@
 //! Recordings: one [`Flight`] is a list of [`Sample`]s at [`crate::DT`].
+//!
+//! A recording in flyvine's own format is read by [`read_flight`], anyone else's through a column
+//! [`Mapping`], which resamples it. [`clean`] then rejects what motion capture got wrong and reports it;
+//! [`Flight::segments`] and [`Flight::valid_transitions`] say which rows may be used together.
+
+mod continuity;
+mod csv;
+mod error;
+mod hygiene;
+pub mod mapping;
+mod plausible;
+mod quaternion;
+mod resample;
+#[cfg(test)]
+pub(crate) mod shared_data;
+mod table;
+
+pub use self::continuity::CLOCK_TOLERANCE_S;
+pub use self::csv::{parse_flight, read_flight, write_flight};
+pub use self::error::{FlightError, Place, Problem};
+pub use self::hygiene::{Body, Fault, Finding, HygieneOptions, HygieneReport, clean};
+pub use self::mapping::Mapping;
+pub use self::resample::{Reading, Recording, RecordingRow, resample};
 
 use serde::{Deserialize, Serialize};
+
+/// Names of the nine entries of the state x, in order.
+pub const SIGNALS: [&str; 9] = [
+    "qr_x", "qr_y", "qr_z", "qr_qx", "qr_qy", "qr_qz", "ee_x", "ee_y", "ee_z",
+];
 
 /// The arm's configuration: rest distance from quadrotor to end effector, and gauge pressure.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

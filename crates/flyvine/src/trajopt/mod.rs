@@ -8,8 +8,16 @@
 //!
 //! Nothing here knows of files, flights, or where a model came from.
 
+mod augmented_lagrangian;
 mod dynamics;
+mod ilqr;
+mod options;
 mod problem;
+mod solution;
+mod solver;
 
 pub use dynamics::Dynamics;
-pub use problem::{Equality, Problem, StateBound};
+pub use options::Options;
+pub use problem::{Equality, Problem, ProblemError, StateBound};
+pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status};
+pub use solver::Solver;

@@ -1,0 +1,62 @@
+//! How a command ends, and the exit code that says so.
+
+use std::process::ExitCode;
+
+/// How a command that ran to its end went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Exit code 0.
+    Done,
+    /// Exit code 3: finished and written, but the result is not to be trusted; stderr says why.
+    Untrusted,
+}
+
+/// Why a command did not run to its end.
+#[derive(Debug)]
+pub enum Failure {
+    /// Exit code 2: bad usage or bad input.
+    Input(anyhow::Error),
+    /// Exit code 1: the tool's own failure, or the machine's (disk full, no permission).
+    Internal(anyhow::Error),
+}
+
+/// What every command returns.
+pub type CommandResult = Result<Outcome, Failure>;
+
+/// Marks an error as the input's or as the tool's.
+pub trait Blame<T> {
+    /// The user's input is wrong.
+    fn or_input(self) -> Result<T, Failure>;
+    /// The tool or the machine failed.
+    fn or_internal(self) -> Result<T, Failure>;
+}
+
+impl<T, E: Into<anyhow::Error>> Blame<T> for Result<T, E> {
+    fn or_input(self) -> Result<T, Failure> {
+        self.map_err(|error| Failure::Input(error.into()))
+    }
+    fn or_internal(self) -> Result<T, Failure> {
+        self.map_err(|error| Failure::Internal(error.into()))
+    }
+}
+
+/// An input failure with a message.
+pub fn bad_input<T>(message: String) -> Result<T, Failure> {
+    Err(Failure::Input(anyhow::Error::msg(message)))
+}
+
+/// Prints a failure to stderr and gives the process's exit code.
+pub fn exit_code(result: CommandResult) -> ExitCode {
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Untrusted) => ExitCode::from(3),
+        Err(Failure::Input(error)) => {
+            crate::console::say(&format!("error: {error:#}"));
+            ExitCode::from(2)
+        }
+        Err(Failure::Internal(error)) => {
+            crate::console::say(&format!("internal error: {error:#}"));
+            ExitCode::from(1)
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! Flights as CSV files, one row per 0.05 s.
+//!
+//! ```text
+//! t_s,length_m,pressure_kpa,cmd_x,cmd_y,cmd_z,qr_x,qr_y,qr_z,qr_qw,qr_qx,qr_qy,qr_qz,ee_x,ee_y,ee_z
+//! ```
+//!
+//! The order of the columns is free and further ones are ignored, except `cmd_vx,cmd_vy,cmd_vz` (commanded
+//! velocity, m/s), which are read where all three are there. A pose that motion capture missed is empty cells.
+
+use std::fmt::Write;
+use std::io::Read;
+use std::path::Path;
+
+use super::error::{FlightError, Problem};
+use super::table::{Column, Row, Table};
+use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
+use crate::DT;
+
+const CONFIGURATION: [&str; 2] = ["length_m", "pressure_kpa"];
+const COMMAND: [&str; 3] = ["cmd_x", "cmd_y", "cmd_z"];
+const COMMAND_VELOCITY: [&str; 3] = ["cmd_vx", "cmd_vy", "cmd_vz"];
+const QUADROTOR: [&str; 7] = ["qr_x", "qr_y", "qr_z", "qr_qw", "qr_qx", "qr_qy", "qr_qz"];
+const END_EFFECTOR: [&str; 3] = ["ee_x", "ee_y", "ee_z"];
+
+/// Largest share by which a flight's median time step may differ from [`DT`].
+const RATE_TOLERANCE: f64 = 0.02;
+
+/// Reads a flight from a CSV file. Its name is the file's, without the extension.
+///
+/// Attitudes within 1 % of unit length are normalized; their signs are left as they are
+/// (see [`clean`](super::clean)).
+///
+/// # Errors
+/// Whatever is not the format above, with file, line and column; values whose unit looks wrong; a median
+/// rate other than 20 Hz. Single irregular time steps are no error: [`clean`](super::clean) reports them.
+pub fn read_flight(path: &Path) -> Result<Flight, FlightError> {
+    let shown = path.display().to_string();
+    let file = std::fs::File::open(path).map_err(|e| FlightError::in_file(&shown, e.into()))?;
+    let mut flight = parse_flight(&shown, file)?;
+    flight.name = flight_name(path);
+    Ok(flight)
+}
+
+/// Reads a flight as [`read_flight`] does, from any reader (`text.as_bytes()` for a string). `name` is the
+/// flight's name and what error messages call the input.
+///
+/// # Errors
+/// As [`read_flight`].
+pub fn parse_flight(name: &str, input: impl Read) -> Result<Flight, FlightError> {
+    let table = Table::read(name, input, b',')?;
+    let columns = Columns::find(&table)?;
+    let samples = table
+        .rows()
+        .iter()
+        .map(|row| columns.sample(&table, row))
+        .collect::<Result<Vec<_>, _>>()?;
+    for (row, pair) in table.rows()[1..].iter().zip(samples.windows(2)) {
+        let (previous, found) = (pair[0].t_s, pair[1].t_s);
+        if found <= previous {
+            let problem = Problem::TimeNotIncreasing { found, previous };
+            return Err(table.error(row, columns.time, problem));
+        }
+    }
+    if let Some(step_s) = median_step(samples.iter().map(|sample| sample.t_s))
+        && (step_s / DT - 1.0).abs() > RATE_TOLERANCE
+    {
+        return Err(FlightError::in_file(name, Problem::NotTwentyHertz { step_s }).field("t_s"));
+    }
+    Ok(Flight {
+        name: name.to_owned(),
+        samples,
+    })
+}
+
+/// Writes a flight as a CSV file, whole or not at all. Reading it gives the same numbers, bit for bit.
+///
+/// # Errors
+/// A value that is not finite; the file cannot be written.
+pub fn write_flight(path: &Path, flight: &Flight) -> Result<(), FlightError> {
+    let shown = path.display().to_string();
+    let text = format_flight(&shown, flight)?;
+    crate::file::write_whole(path, text.as_bytes()).map_err(|e| FlightError::in_file(&shown, e.into()))
+}
+
+/// The flight as CSV text. Rust prints the shortest decimal that reads back as the same number.
+fn format_flight(file: &str, flight: &Flight) -> Result<String, FlightError> {
+    let has_velocity = flight
+        .samples
+        .iter()
+        .any(|sample| sample.command_velocity.is_some());
+    let mut names = vec!["t_s"];
+    names.extend(CONFIGURATION);
+    names.extend(COMMAND);
+    names.extend(QUADROTOR);
+    names.extend(END_EFFECTOR);
+    if has_velocity {
+        names.extend(COMMAND_VELOCITY);
+    }
+    let mut text = names.join(",") + "\n";
+    for (index, sample) in flight.samples.iter().enumerate() {
+        let Configuration {
+            length_m,
+            pressure_kpa,
+        } = sample.configuration;
+        let mut cells = vec![Some(sample.t_s), Some(length_m), Some(pressure_kpa)];
+        cells.extend(sample.command.map(Some));
+        let ([x, y, z], [qw, qx, qy, qz]) = match sample.quadrotor {
+            Some(pose) => (pose.position.map(Some), pose.attitude.map(Some)),
+            None => ([None; 3], [None; 4]),
+        };
+        cells.extend([x, y, z, qw, qx, qy, qz]);
+        cells.extend(optional(sample.end_effector));
+        if has_velocity {
+            cells.extend(optional(sample.command_velocity));
+        }
+        for (column, cell) in cells.into_iter().enumerate() {
+            if column > 0 {
+                text.push(',');
+            }
+            let Some(found) = cell else { continue };
+            if !found.is_finite() {
+                let line = index as u64 + 2;
+                return Err(
+                    FlightError::in_line(file, line, Problem::NotFinite { found }).field(names[column])
+                );
+            }
+            write!(text, "{found}").expect("writing to a string cannot fail");
+        }
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+fn optional(vector: Option<[f64; 3]>) -> [Option<f64>; 3] {
+    vector.map_or([None; 3], |v| v.map(Some))
+}
+
+/// A flight's name: its file's, without folder and extension.
+pub(super) fn flight_name(path: &Path) -> String {
+    path.file_stem().map_or_else(
+        || path.display().to_string(),
+        |stem| stem.to_string_lossy().into_owned(),
+    )
+}
+
+/// The median difference of successive times, `None` if there are fewer than two.
+pub(super) fn median_step(times: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    let mut steps: Vec<f64> = times
+        .clone()
+        .skip(1)
+        .zip(times)
+        .map(|(next, t)| next - t)
+        .collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied()
+}
+
+/// Where the format's columns are in one file.
+struct Columns {
+    time: Column,
+    configuration: [Column; 2],
+    command: [Column; 3],
+    command_velocity: Option<[Column; 3]>,
+    quadrotor: [Column; 7],
+    end_effector: [Column; 3],
+}
+
+impl Columns {
+    fn find(table: &Table) -> Result<Columns, FlightError> {
+        let has_velocity = COMMAND_VELOCITY.iter().all(|name| table.has(name));
+        Ok(Columns {
+            time: table.column("t_s")?,
+            configuration: table.columns(CONFIGURATION)?,
+            command: table.columns(COMMAND)?,
+            command_velocity: has_velocity
+                .then(|| table.columns(COMMAND_VELOCITY))
+                .transpose()?,
+            quadrotor: table.columns(QUADROTOR)?,
+            end_effector: table.columns(END_EFFECTOR)?,
+        })
+    }
+
+    fn sample(&self, table: &Table, row: &Row) -> Result<Sample, FlightError> {
+        let [length, pressure] = self.configuration;
+        let configuration = Configuration {
+            length_m: required(table, row, length, plausible::length)?,
+            pressure_kpa: required(table, row, pressure, plausible::pressure)?,
+        };
+        let mut command = [0.0; 3];
+        for (value, column) in command.iter_mut().zip(self.command) {
+            *value = required(table, row, column, plausible::position)?;
+        }
+        let command_velocity = match self.command_velocity {
+            Some(columns) => whole(table, row, columns, |_| plausible::velocity)?,
+            None => None,
+        };
+        let quadrotor = whole(table, row, self.quadrotor, |i| {
+            if i < 3 { plausible::position } else { finite }
+        })?
+        .map(|[x, y, z, q @ ..]| {
+            let attitude = quaternion::unit(q)
+                .map_err(|norm| table.error(row, self.quadrotor[3], Problem::NotUnitQuaternion { norm }))?;
+            Ok(Pose {
+                position: [x, y, z],
+                attitude,
+            })
+        })
+        .transpose()?;
+        Ok(Sample {
+            t_s: required(table, row, self.time, finite)?,
+            configuration,
+            command,
+            command_velocity,
+            quadrotor,
+            end_effector: whole(table, row, self.end_effector, |_| plausible::position)?,
+        })
+    }
+}
+
+/// What a value must satisfy.
+type Check = fn(f64) -> Result<(), Problem>;
+
+pub(super) fn finite(found: f64) -> Result<(), Problem> {
+    if found.is_finite() {
+        Ok(())
+    } else {
+        Err(Problem::NotFinite { found })
+    }
+}
+
+/// The number in a cell that must not be empty.
+fn required(table: &Table, row: &Row, column: Column, check: Check) -> Result<f64, FlightError> {
+    let value = table
+        .number(row, column)?
+        .ok_or_else(|| table.error(row, column, Problem::EmptyCell))?;
+    check(value).map_err(|problem| table.error(row, column, problem))?;
+    Ok(value)
+}
+
+/// The numbers of cells that are all empty (`None`) or all filled.
+fn whole<const N: usize>(
+    table: &Table,
+    row: &Row,
+    columns: [Column; N],
+    check: impl Fn(usize) -> Check,
+) -> Result<Option<[f64; N]>, FlightError> {
+    if columns.iter().all(|&column| table.text(row, column).is_empty()) {
+        return Ok(None);
+    }
+    let mut values = [0.0; N];
+    for (i, column) in columns.into_iter().enumerate() {
+        values[i] = table
+            .number(row, column)?
+            .ok_or_else(|| table.error(row, column, Problem::PartialPose))?;
+        check(i)(values[i]).map_err(|problem| table.error(row, column, problem))?;
+    }
+    Ok(Some(values))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,224 @@
+//! The bank as a JSON file: schema version, units, provenance, models; read back strictly.
+
+use super::bank::{Bank, BankModel, BankProvenance, InputFile};
+use super::error::ModelError;
+use crate::file::{sha256_hex, write_whole};
+use crate::flight::SIGNALS;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::path::Path;
+
+/// What the file says it is.
+const SCHEMA: &str = "flyvine-bank";
+/// Version of the bank format that this library writes and reads.
+pub const BANK_SCHEMA_VERSION: u64 = 1;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BankFile {
+    schema: String,
+    schema_version: u64,
+    units: Units,
+    provenance: BankProvenance,
+    models: Vec<BankModel>,
+}
+
+/// Units of every number in the file, and the order of the state.
+#[derive(Serialize, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields)]
+struct Units {
+    length: String,
+    pressure: String,
+    sample_time_s: f64,
+    state: Vec<String>,
+}
+
+fn units() -> Units {
+    Units {
+        length: "m".into(),
+        pressure: "kPa".into(),
+        sample_time_s: crate::DT,
+        state: SIGNALS.map(String::from).to_vec(),
+    }
+}
+
+impl Serialize for Bank {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let file = BankFile {
+            schema: SCHEMA.into(),
+            schema_version: BANK_SCHEMA_VERSION,
+            units: units(),
+            provenance: self.provenance().clone(),
+            models: self.models().to_vec(),
+        };
+        file.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Bank {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        use serde::de::Error;
+        // The version decides how the rest is read, so it is looked at before any other field is required.
+        let value = serde_json::Value::deserialize(deserializer)?;
+        let schema = value.get("schema").and_then(serde_json::Value::as_str);
+        if schema != Some(SCHEMA) {
+            let found = schema.map_or("no schema".into(), |found| format!("schema {found:?}"));
+            return Err(D::Error::custom(format!(
+                "found {found}, expected a bank (schema {SCHEMA:?})"
+            )));
+        }
+        match value.get("schema_version").and_then(serde_json::Value::as_u64) {
+            Some(BANK_SCHEMA_VERSION) => {}
+            found => {
+                let found = found.map_or("none".into(), |version| version.to_string());
+                return Err(D::Error::custom(format!(
+                    "bank schema_version: found {found}, expected {BANK_SCHEMA_VERSION}; fit the flights again \
+                     with this version, or read the bank with the version that wrote it"
+                )));
+            }
+        }
+        let file: BankFile = serde_json::from_value(value).map_err(D::Error::custom)?;
+        if file.units != units() {
+            return Err(D::Error::custom(format!(
+                "bank units: expected metres, kPa, {} s and the state {}",
+                crate::DT,
+                SIGNALS.join(", ")
+            )));
+        }
+        Self::new(file.models, file.provenance).map_err(D::Error::custom)
+    }
+}
+
+impl Bank {
+    /// Reads a bank file.
+    ///
+    /// # Errors
+    /// The file cannot be read, is not JSON, is not a bank, has another schema version, an unknown or missing
+    /// field, a value that is not a finite number, or an array of the wrong length; the message says which.
+    pub fn read(path: &Path) -> Result<Self, ModelError> {
+        let contents = std::fs::read(path).map_err(|source| ModelError::File {
+            path: path.to_path_buf(),
+            source,
+        })?;
+        serde_json::from_slice(&contents).map_err(|error| ModelError::Format {
+            path: path.to_path_buf(),
+            message: error.to_string(),
+        })
+    }
+
+    /// Writes the bank, whole or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), ModelError> {
+        let file_error = |source| ModelError::File {
+            path: path.to_path_buf(),
+            source,
+        };
+        let contents = serde_json::to_vec(self).map_err(|error| file_error(error.into()))?;
+        write_whole(path, &contents).map_err(file_error)
+    }
+}
+
+impl InputFile {
+    /// Hashes the file at `path`.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn of(path: &Path) -> Result<Self, ModelError> {
+        let contents = std::fs::read(path).map_err(|source| ModelError::File {
+            path: path.to_path_buf(),
+            source,
+        })?;
+        Ok(Self {
+            path: path.display().to_string(),
+            sha256: sha256_hex(&contents),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bank::ModelDiagnostics;
+    use super::super::family::Model;
+    use super::super::lag::tests::random_model;
+    use super::super::lag::{CommandInputs, HEIGHT_ROW};
+    use super::*;
+    use crate::flight::Configuration;
+
+    fn bank() -> Bank {
+        let model = BankModel {
+            configuration: Configuration {
+                length_m: 0.7,
+                pressure_kpa: 0.0,
+            },
+            model: Model::Lag(random_model(3, CommandInputs::Position, &[HEIGHT_ROW], 1)),
+            diagnostics: ModelDiagnostics {
+                rows: 7,
+                ..ModelDiagnostics::default()
+            },
+        };
+        let inputs = vec![InputFile {
+            path: "a.csv".into(),
+            sha256: sha256_hex(b"a"),
+        }];
+        Bank::new(vec![model], BankProvenance::default())
+            .unwrap()
+            .with_inputs(inputs)
+    }
+
+    /// The message for the bank's JSON with `from` replaced by `to`.
+    fn message(from: &str, to: &str) -> String {
+        let text = serde_json::to_string(&bank()).unwrap();
+        assert!(text.contains(from), "{from} is not in the file");
+        serde_json::from_str::<Bank>(&text.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn a_file_gives_back_the_bank() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bank.json");
+        bank().write(&path).unwrap();
+        assert_eq!(Bank::read(&path).unwrap(), bank());
+    }
+
+    #[test]
+    fn other_versions_and_schemas_are_named() {
+        let newer = message("\"schema_version\":1", "\"schema_version\":2");
+        assert!(newer.contains("schema_version: found 2, expected 1"), "{newer}");
+        let other = message("flyvine-bank", "flyvine-plan");
+        assert!(
+            other.contains("found schema \"flyvine-plan\", expected a bank"),
+            "{other}"
+        );
+    }
+
+    #[test]
+    fn what_does_not_belong_is_refused() {
+        assert!(message("\"rows\":7", "\"rows\":7,\"colour\":1").contains("unknown field `colour`"));
+        assert!(message("\"kPa\"", "\"psi\"").contains("units"));
+        assert!(
+            message("\"lags\":3,\"inputs\"", "\"lags\":2,\"inputs\"")
+                .contains("row 0: found 30 values, expected 21")
+        );
+        assert!(message("\"family\":\"lag\"", "\"family\":\"oracle\"").contains("unknown variant `oracle`"));
+        assert!(message("\"offset\":[", "\"offset\":[null,").contains("null"));
+        let huge = message("\"offset\":[", "\"offset\":[1e999,");
+        assert!(huge.contains("number out of range"), "{huge}");
+    }
+
+    #[test]
+    fn errors_name_the_file() {
+        let missing = Bank::read(Path::new("no/such/bank.json"))
+            .unwrap_err()
+            .to_string();
+        assert!(missing.starts_with("no/such/bank.json: "), "{missing}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cut.json");
+        let text = serde_json::to_string(&bank()).unwrap();
+        std::fs::write(&path, &text[..text.len() / 2]).unwrap();
+        let cut = Bank::read(&path).unwrap_err().to_string();
+        assert!(cut.contains("cut.json") && cut.contains("EOF"), "{cut}");
+    }
+}

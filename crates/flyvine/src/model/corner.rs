@@ -1,0 +1,277 @@
+//! The recordings of one configuration as triangular factors, and the models that solve them.
+
+use super::error::ModelError;
+use super::features::{Coordinates, quadratic_len, quadratic_terms};
+use super::lag::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN};
+use super::least_squares::{Gram, Penalty, TriangularFactor};
+use super::options::Structure;
+use super::track::Track;
+use crate::flight::Configuration;
+use faer::Mat;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Fewer flights than this at one configuration are cut into segments for cross-validation.
+const WHOLE_FLIGHTS: usize = 3;
+/// Number of segments that fewer flights are cut into.
+const SEGMENTS: usize = 6;
+/// Shape of a fit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shape {
+    pub structure: Structure,
+    pub lags: usize,
+    pub inputs: CommandInputs,
+}
+
+/// Strengths of the ridges; `height = None` leaves the height row linear.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ridges {
+    pub linear: f64,
+    pub height: Option<f64>,
+}
+
+/// Rows of one flight that are held out together.
+pub(crate) struct Block {
+    /// Index of the track.
+    pub track: usize,
+    /// Rows k of its transitions k → k + 1.
+    pub rows: Range<usize>,
+    factors: Factors<TriangularFactor>,
+    grams: Factors<Gram>,
+}
+
+/// The two regressions of a corner.
+struct Factors<F> {
+    /// `[w | x_{k+1} − x_k]`, all nine signals.
+    linear: F,
+    /// `[1, w, v vᵀ | height increment]`, for the paper's structure.
+    height: Option<F>,
+}
+
+/// The recordings at one configuration.
+pub(crate) struct Corner {
+    pub configuration: Configuration,
+    pub blocks: Vec<Block>,
+    shape: Shape,
+    /// Everything merged.
+    factors: Factors<TriangularFactor>,
+    grams: Factors<Gram>,
+}
+
+impl Corner {
+    /// Factors the rows of `members` (indices into `tracks`).
+    pub fn new(
+        configuration: Configuration,
+        members: &[usize],
+        tracks: &[Track],
+        shape: Shape,
+    ) -> Result<Self, ModelError> {
+        let pieces = if members.len() >= WHOLE_FLIGHTS {
+            1
+        } else {
+            SEGMENTS / members.len()
+        };
+        let cuts: Vec<(usize, Range<usize>)> = members
+            .iter()
+            .flat_map(|&track| {
+                let rows = tracks[track].rows();
+                (0..pieces).map(move |piece| (track, rows * piece / pieces..rows * (piece + 1) / pieces))
+            })
+            .collect();
+        let blocks: Vec<Block> = cuts
+            .into_par_iter()
+            .map(|(track, rows)| Block::new(track, rows, &tracks[track], shape))
+            .collect();
+        let factors = Factors {
+            linear: TriangularFactor::merge(blocks.iter().map(|block| &block.factors.linear)),
+            height: (shape.structure == Structure::Paper).then(|| {
+                TriangularFactor::merge(blocks.iter().filter_map(|block| block.factors.height.as_ref()))
+            }),
+        };
+        let corner = Self {
+            configuration,
+            grams: factors.grams(),
+            factors,
+            blocks,
+            shape,
+        };
+        let (rows, coefficients) = (corner.rows(), corner.coefficients());
+        if rows < coefficients {
+            return Err(ModelError::TooFewRows {
+                configuration,
+                flights: members.len(),
+                rows,
+                coefficients,
+            });
+        }
+        Ok(corner)
+    }
+
+    /// The flights fitted.
+    pub fn members<'a, 'b>(&self, tracks: &'b [Track<'a>]) -> Vec<&'b Track<'a>> {
+        let mut indices: Vec<usize> = self.blocks.iter().map(|block| block.track).collect();
+        indices.dedup();
+        indices.into_iter().map(|index| &tracks[index]).collect()
+    }
+
+    /// Rows fitted.
+    pub fn rows(&self) -> usize {
+        self.factors.linear.rows
+    }
+
+    /// Coefficients of the largest row.
+    pub fn coefficients(&self) -> usize {
+        self.factors
+            .height
+            .as_ref()
+            .unwrap_or(&self.factors.linear)
+            .regressors()
+    }
+
+    /// The model fitted on everything, by QR.
+    pub fn model(&self, ridges: Ridges) -> Result<LagModel, ModelError> {
+        self.shape.model(&self.factors, ridges, &TriangularFactor::solve)
+    }
+
+    /// The model fitted on everything, for trials.
+    pub fn model_on_trial(&self, ridges: Ridges) -> Result<LagModel, ModelError> {
+        self.shape.model(&self.grams, ridges, &Gram::solve)
+    }
+
+    /// The model fitted on all blocks but one, for trials.
+    pub fn model_without(&self, block: usize, ridges: Ridges) -> Result<LagModel, ModelError> {
+        let left_out = &self.blocks[block].grams;
+        let grams = Factors {
+            linear: self.grams.linear.without(&left_out.linear),
+            height: self
+                .grams
+                .height
+                .as_ref()
+                .zip(left_out.height.as_ref())
+                .map(|(all, out)| all.without(out)),
+        };
+        self.shape.model(&grams, ridges, &Gram::solve)
+    }
+
+    /// Condition numbers of the equilibrated regressors: of the height row, if it is quadratic, and of the
+    /// linear rows.
+    pub fn condition_numbers(&self) -> Result<(Option<f64>, f64), ModelError> {
+        let failed = ModelError::Factorization {
+            what: "singular values",
+            configuration: self.configuration,
+        };
+        let height = self
+            .factors
+            .height
+            .as_ref()
+            .map(|factor| factor.condition_number(true));
+        match (height, self.factors.linear.condition_number(false)) {
+            (Some(None), _) | (_, None) => Err(failed),
+            (height, Some(linear)) => Ok((height.flatten(), linear)),
+        }
+    }
+}
+
+impl Factors<TriangularFactor> {
+    fn grams(&self) -> Factors<Gram> {
+        Factors {
+            linear: self.linear.gram(),
+            height: self.height.as_ref().map(TriangularFactor::gram),
+        }
+    }
+}
+
+impl Block {
+    fn new(track: usize, rows: Range<usize>, source: &Track, shape: Shape) -> Self {
+        let Shape {
+            structure,
+            lags,
+            inputs,
+        } = shape;
+        let transitions: Vec<usize> = rows.clone().filter(|&k| source.unbroken(k, lags, 1)).collect();
+        let coordinates = Coordinates::new(lags, inputs);
+        let p = lags * STATE_LEN + inputs.len();
+        let (mut w, mut v, mut terms) = (vec![0.0; p], vec![0.0; p], vec![0.0; quadratic_len(p)]);
+        let quadratic = structure == Structure::Paper;
+        let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
+        let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
+        for (row, &k) in transitions.iter().enumerate() {
+            source.lagged_state(k, &mut w[..lags * STATE_LEN]);
+            w[lags * STATE_LEN..].copy_from_slice(source.command(k));
+            let (now, next) = (source.state(k), source.state(k + 1));
+            for (column, &value) in w.iter().enumerate() {
+                linear[(row, column)] = value;
+            }
+            for signal in 0..STATE_LEN {
+                linear[(row, p + signal)] = next[signal] - now[signal];
+            }
+            if quadratic {
+                coordinates.apply(&w, &mut v);
+                quadratic_terms(&w, &v, &mut terms);
+                for (column, &value) in terms.iter().enumerate() {
+                    height[(row, column)] = value;
+                }
+                height[(row, terms.len())] = next[HEIGHT_ROW] - now[HEIGHT_ROW];
+            }
+        }
+        let factors = Factors {
+            linear: TriangularFactor::of_rows(linear, p),
+            height: quadratic.then(|| TriangularFactor::of_rows(height, terms.len())),
+        };
+        Self {
+            track,
+            rows,
+            grams: factors.grams(),
+            factors,
+        }
+    }
+}
+
+impl Shape {
+    /// Solves both regressions and puts the model together, back in the coordinates w.
+    fn model<F>(
+        self,
+        factors: &Factors<F>,
+        ridges: Ridges,
+        solve: &dyn Fn(&F, &Penalty) -> Mat<f64>,
+    ) -> Result<LagModel, ModelError> {
+        let Self { lags, inputs, .. } = self;
+        let p = lags * STATE_LEN + inputs.len();
+        let theta = solve(
+            &factors.linear,
+            &Penalty {
+                intercept: false,
+                strengths: vec![ridges.linear; p],
+            },
+        );
+        let mut offset = vec![0.0; STATE_LEN];
+        let mut rows: Vec<Vec<f64>> = (0..STATE_LEN)
+            .map(|row| theta.col_as_slice(row).to_vec())
+            .collect();
+        let mut quadratic = Vec::new();
+        if let (Some(ridge), Some(factor)) = (ridges.height, &factors.height) {
+            let mut strengths = vec![ridge; quadratic_len(p) - 1];
+            strengths[..p].fill(ridges.linear);
+            let theta = solve(
+                factor,
+                &Penalty {
+                    intercept: true,
+                    strengths,
+                },
+            );
+            let theta = theta.col_as_slice(0);
+            offset[HEIGHT_ROW] = theta[0];
+            rows[HEIGHT_ROW] = theta[1..=p].to_vec();
+            let upper_triangle = Coordinates::new(lags, inputs).quadratic_on_w(&theta[1 + p..]);
+            quadratic.push(QuadraticTerms {
+                row: HEIGHT_ROW,
+                upper_triangle,
+            });
+        }
+        // Increments were fitted: add the newest state.
+        for (signal, row) in rows.iter_mut().enumerate() {
+            row[signal] += 1.0;
+        }
+        LagModel::new(lags, inputs, offset, rows.concat(), &quadratic)
+    }
+}

@@ -1,0 +1,47 @@
+//! Identified models: from flights to predictors, and the bank that interpolates between them.
+//!
+//! ```text
+//! x_{k+1} = f(z_k, u_k),   z_k = (x_k, x_{k−1}, x_{k−2})
+//! ```
+//!
+//! - [`fit_bank`]: flights → [`Bank`] and [`FitReport`]; [`FitOptions`] say what may be chosen.
+//! - [`Bank`]: [`Bank::read`], [`Bank::write`], [`Bank::at`] (a [`Model`] at one configuration),
+//!   [`Bank::scheduled`] (a [`ScheduledModel`] along a schedule of configurations). It is serializable, so a
+//!   plan can carry it.
+//! - [`LagModel`], [`Model`] and [`ScheduledModel`] are [`crate::trajopt::Dynamics`]; [`rest_state`] is where
+//!   plans start; [`Model::spectral_radius`] says whether predictions run away.
+//! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
+
+mod bank;
+mod bank_file;
+mod check;
+mod corner;
+mod error;
+mod family;
+mod features;
+mod fit;
+mod lag;
+mod least_squares;
+mod one_step;
+mod options;
+mod rollout;
+mod schedule;
+mod selection;
+mod stability;
+mod track;
+
+pub use bank::{
+    Bank, BankModel, BankProvenance, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
+    PRESSURE_TOLERANCE_KPA,
+};
+pub use bank_file::BANK_SCHEMA_VERSION;
+pub use check::{CheckReport, FlightCheck, ModelCheck, check};
+pub use error::ModelError;
+pub use family::{Model, rest_state};
+pub use fit::{Finding, FitReport, fit_bank};
+pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
+pub use options::{FitOptions, Ridge, Structure, VelocityInput};
+pub use rollout::RolloutError;
+pub use schedule::ScheduledModel;
+pub use selection::{Candidate, HeldOutError};
+pub use stability::spectral_radius;

@@ -1,0 +1,180 @@
+//! Choosing structure and ridge by what matters to a plan: rollout error on data that was held out.
+
+use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
+use super::corner::{Corner, Ridges};
+use super::error::ModelError;
+use super::family::Model;
+use super::lag::CommandInputs;
+use super::rollout::{WindowError, standing_still_errors, window_errors};
+use super::track::Track;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Horizons that a candidate is judged at, in steps: a swing's (2.5 s) and a lemniscate's (10 s).
+const HORIZONS: [usize; 2] = [50, 200];
+/// A window's error counts up to this, m: it has diverged, how far does not matter.
+const ERROR_CAP_M: f64 = 1.0;
+/// A candidate must be better by this factor to be preferred to a simpler one.
+const WORTHWHILE: f64 = 0.98;
+
+/// One choice that was tried, and how its held-out rollouts did.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Candidate {
+    /// Inputs of the model.
+    pub inputs: CommandInputs,
+    /// Ridge strength of the linear rows.
+    pub linear_ridge: f64,
+    /// Ridge strength of the quadratic height row; `None` if that row was linear.
+    pub height_ridge: Option<f64>,
+    /// Held-out end-effector rollout error at the corners; `None` if no window fits the flights.
+    pub corners: Option<HeldOutError>,
+    /// The same on interior and deploying flights, through the interpolation; `None` without such windows.
+    pub interior: Option<HeldOutError>,
+}
+
+/// Rollout errors pooled over held-out windows of 2.5 s and 10 s.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOutError {
+    /// Mean over the horizons of the mean window error, each window counted up to 1 m, m.
+    pub mean_m: f64,
+    /// Windows, all horizons together.
+    pub windows: usize,
+    /// Share of windows that diverged.
+    pub diverged_share: f64,
+}
+
+impl std::fmt::Display for HeldOutError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "mean rollout error {:.1} cm, {:.1} % of {} windows diverged",
+            100.0 * self.mean_m,
+            100.0 * self.diverged_share,
+            self.windows
+        )
+    }
+}
+
+impl Candidate {
+    /// What is minimized, m: the mean of both errors; 0 if neither could be measured.
+    pub fn score_m(&self) -> f64 {
+        let errors: Vec<f64> = [self.corners, self.interior]
+            .iter()
+            .flatten()
+            .map(|error| error.mean_m)
+            .collect();
+        errors.iter().sum::<f64>() / errors.len().max(1) as f64
+    }
+}
+
+/// Index of the candidate with the least score; a later one must be worth it.
+pub(crate) fn best(candidates: &[Candidate]) -> usize {
+    let mut best = 0;
+    for (index, candidate) in candidates.iter().enumerate().skip(1) {
+        if candidate.score_m() < WORTHWHILE * candidates[best].score_m() {
+            best = index;
+        }
+    }
+    best
+}
+
+/// The recordings of all corners, ready to try candidates on.
+pub(crate) struct CrossValidation<'a> {
+    pub corners: &'a [Corner],
+    pub tracks: &'a [Track<'a>],
+    /// Interior and deploying flights (indices into `tracks`).
+    pub interior: &'a [usize],
+    pub inputs: CommandInputs,
+}
+
+impl CrossValidation<'_> {
+    /// Tries one choice of ridges: every block is predicted by the model of its corner's other blocks, every
+    /// interior flight by the bank of everything.
+    pub fn try_candidate(&self, ridges: Ridges) -> Result<Candidate, ModelError> {
+        let blocks: Vec<(&Corner, usize)> = self
+            .corners
+            .iter()
+            .flat_map(|corner| (0..corner.blocks.len()).map(move |block| (corner, block)))
+            .collect();
+        let held_out = blocks
+            .par_iter()
+            .map(|(corner, index)| {
+                let (model, block) = (corner.model_without(*index, ridges)?, &corner.blocks[*index]);
+                Ok(window_errors(
+                    &model,
+                    &self.tracks[block.track],
+                    block.rows.clone(),
+                    &HORIZONS,
+                ))
+            })
+            .collect::<Result<Vec<_>, ModelError>>()?;
+        let interior = if self.interior.is_empty() {
+            None
+        } else {
+            pool(&self.interior_errors(ridges)?)
+        };
+        Ok(Candidate {
+            inputs: self.inputs,
+            linear_ridge: ridges.linear,
+            height_ridge: ridges.height,
+            corners: pool(&held_out),
+            interior,
+        })
+    }
+
+    fn interior_errors(&self, ridges: Ridges) -> Result<Vec<Vec<Vec<WindowError>>>, ModelError> {
+        let model = |corner: &Corner| {
+            Ok(BankModel {
+                configuration: corner.configuration,
+                model: Model::Lag(corner.model_on_trial(ridges)?),
+                diagnostics: ModelDiagnostics::default(),
+            })
+        };
+        let models = self
+            .corners
+            .par_iter()
+            .map(model)
+            .collect::<Result<_, ModelError>>()?;
+        let bank = Bank::new(models, BankProvenance::default())?;
+        let errors = |&index: &usize| {
+            let track = &self.tracks[index];
+            let model = bank.scheduled(&track.configurations())?;
+            Ok(window_errors(&model, track, 0..track.rows(), &HORIZONS))
+        };
+        self.interior.par_iter().map(errors).collect()
+    }
+
+    /// The error of predicting that nothing moves, on the same windows.
+    pub fn standing_still(&self) -> Option<HeldOutError> {
+        let errors: Vec<_> = self
+            .corners
+            .iter()
+            .flat_map(|corner| &corner.blocks)
+            .map(|block| standing_still_errors(&self.tracks[block.track], block.rows.clone(), &HORIZONS))
+            .collect();
+        pool(&errors)
+    }
+}
+
+/// Pools windows of several flights (outer index), per horizon (inner index).
+fn pool(flights: &[Vec<Vec<WindowError>>]) -> Option<HeldOutError> {
+    let (mut means, mut windows, mut diverged) = (Vec::new(), 0, 0);
+    for horizon in 0..HORIZONS.len() {
+        let here: Vec<&WindowError> = flights.iter().flat_map(|flight| &flight[horizon]).collect();
+        if here.is_empty() {
+            continue;
+        }
+        let capped: f64 = here.iter().map(|window| window.mean_m.min(ERROR_CAP_M)).sum();
+        means.push(capped / here.len() as f64);
+        windows += here.len();
+        diverged += here.iter().filter(|window| window.diverged).count();
+    }
+    let mean_m = means.iter().sum::<f64>() / means.len() as f64;
+    (windows > 0).then(|| HeldOutError {
+        mean_m,
+        windows,
+        diverged_share: diverged as f64 / windows as f64,
+    })
+}

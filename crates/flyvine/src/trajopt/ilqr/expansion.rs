@@ -1,0 +1,65 @@
+//! First and second derivatives of the cost along a trajectory.
+
+use super::super::Problem;
+use super::super::augmented_lagrangian::AugmentedLagrangian;
+use super::{Shape, Trajectory};
+
+/// Derivatives at every knot.
+#[derive(Debug, Clone)]
+pub struct Expansion {
+    shape: Shape,
+    /// `∂/∂w` of cost and multiplier terms, N × stride.
+    gradients: Vec<f64>,
+    /// Diagonal of `∂²/∂w²` of cost and multiplier terms, N × stride.
+    diagonals: Vec<f64>,
+}
+
+impl Expansion {
+    pub fn new(shape: Shape) -> Self {
+        Self {
+            shape,
+            gradients: vec![0.0; shape.knots * shape.stride],
+            diagonals: vec![0.0; shape.knots * shape.stride],
+        }
+    }
+
+    pub fn gradient(&self, knot: usize) -> &[f64] {
+        &self.gradients[knot * self.shape.stride..][..self.shape.stride]
+    }
+
+    pub fn diagonal(&self, knot: usize) -> &[f64] {
+        &self.diagonals[knot * self.shape.stride..][..self.shape.stride]
+    }
+
+    /// Gradient and Hessian of the cost and of the multiplier terms.
+    pub fn update(&mut self, problem: &Problem, constraints: &AugmentedLagrangian, trajectory: &Trajectory) {
+        let Shape {
+            knots,
+            state: n,
+            command: m,
+            stride,
+            ..
+        } = self.shape;
+        for knot in 0..knots {
+            let gradient = &mut self.gradients[knot * stride..][..stride];
+            let diagonal = &mut self.diagonals[knot * stride..][..stride];
+            let reference = &problem.state_reference[knot * n..][..n];
+            for (i, &z) in trajectory.state(knot).iter().enumerate() {
+                gradient[i] = 2.0 * problem.state_weight[i] * (z - reference[i]);
+                diagonal[i] = 2.0 * problem.state_weight[i];
+            }
+            for constraint in constraints.at(knot) {
+                let (first, second) = constraint.derivatives(trajectory.state(knot)[constraint.index]);
+                gradient[constraint.index] += first;
+                diagonal[constraint.index] += second;
+            }
+            if knot + 1 < knots {
+                let reference = &problem.command_reference[knot * m..][..m];
+                for (j, &u) in trajectory.command(knot).iter().enumerate() {
+                    gradient[n + j] = 2.0 * problem.command_weight[j] * (u - reference[j]);
+                    diagonal[n + j] = 2.0 * problem.command_weight[j];
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! One iteration of constrained DDP, one file per pass.
+//!
+//! Points are `w = (z, u)`, one per knot, padded to `Shape::stride`; Jacobian rows share that layout, so a row of
+//! `C = [A B]` is `[∂f/∂z ∂f/∂u 0…]`. With S the shift, `δz⁺ = (C δw, S δw)`.
+
+pub(super) mod adjoint;
+pub(super) mod backward;
+pub(super) mod command_box;
+pub(super) mod expansion;
+pub(super) mod forward;
+pub(super) mod riccati;
+pub(super) mod rollout;
+
+use super::{Dynamics, Problem};
+use crate::kernel;
+
+/// Sizes that every pass needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Shape {
+    /// N.
+    pub knots: usize,
+    /// n.
+    pub state: usize,
+    /// m.
+    pub command: usize,
+    /// Entries of the next state that are computed; the others are shifted copies.
+    pub fresh: usize,
+    /// Padded length of a row over `w = (z, u)`: n + m rounded up to whole SIMD vectors.
+    pub stride: usize,
+}
+
+impl Shape {
+    pub fn new<D: Dynamics + ?Sized>(problem: &Problem, dynamics: &D) -> Self {
+        let (state, command) = (dynamics.state_len(), dynamics.command_len());
+        let stride = kernel::padded(state + command);
+        Self {
+            knots: problem.knots,
+            state,
+            command,
+            fresh: dynamics.fresh_len(),
+            stride,
+        }
+    }
+
+    /// N − 1.
+    pub fn steps(&self) -> usize {
+        self.knots - 1
+    }
+
+    /// n + m.
+    pub fn width(&self) -> usize {
+        self.state + self.command
+    }
+
+    /// n − fresh.
+    pub fn shifted(&self) -> usize {
+        self.state - self.fresh
+    }
+}
+
+/// States and commands, and the linearization of the dynamics along them.
+#[derive(Debug, Clone)]
+pub(super) struct Trajectory {
+    shape: Shape,
+    /// `w_k = (z_k, u_k, 0…)`, N × stride; the last command is unused.
+    points: Vec<f64>,
+    /// `C_k = [A_k B_k]`, (N−1) × fresh × stride.
+    jacobians: Vec<f64>,
+    /// One Jacobian as the model writes it, fresh × (n + m).
+    compact: Vec<f64>,
+}
+
+impl Trajectory {
+    pub fn new(shape: Shape) -> Self {
+        Self {
+            shape,
+            points: vec![0.0; shape.knots * shape.stride],
+            jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
+            compact: vec![0.0; shape.fresh * shape.width()],
+        }
+    }
+
+    pub fn state(&self, knot: usize) -> &[f64] {
+        &self.points[knot * self.shape.stride..][..self.shape.state]
+    }
+
+    pub fn command(&self, knot: usize) -> &[f64] {
+        &self.points[knot * self.shape.stride + self.shape.state..][..self.shape.command]
+    }
+
+    pub fn state_mut(&mut self, knot: usize) -> &mut [f64] {
+        &mut self.points[knot * self.shape.stride..][..self.shape.state]
+    }
+
+    pub fn command_mut(&mut self, knot: usize) -> &mut [f64] {
+        &mut self.points[knot * self.shape.stride + self.shape.state..][..self.shape.command]
+    }
+
+    /// `C_k`, fresh × stride.
+    pub fn jacobian(&self, knot: usize) -> &[f64] {
+        let len = self.shape.fresh * self.shape.stride;
+        &self.jacobians[knot * len..][..len]
+    }
+
+    /// `z_{k+1} = (f_k(z_k, u_k), z_k[0..n − fresh])`, and C_k if asked for.
+    pub fn advance<D: Dynamics + ?Sized>(&mut self, dynamics: &D, knot: usize, linearize: bool) {
+        let Shape {
+            state: n,
+            command: m,
+            fresh,
+            stride,
+            ..
+        } = self.shape;
+        let (now, next) = self.points[knot * stride..][..2 * stride].split_at_mut(stride);
+        let (state, command) = now[..n + m].split_at(n);
+        let (fresh_part, shifted_part) = next[..n].split_at_mut(fresh);
+        shifted_part.copy_from_slice(&state[..n - fresh]);
+        if linearize {
+            dynamics.linearize(knot, state, command, fresh_part, &mut self.compact);
+            let rows = self.jacobians[knot * fresh * stride..][..fresh * stride].chunks_exact_mut(stride);
+            for (row, compact) in rows.zip(self.compact.chunks_exact(n + m)) {
+                row[..n + m].copy_from_slice(compact);
+            }
+        } else {
+            dynamics.step(knot, state, command, fresh_part);
+        }
+    }
+
+    /// `C_k` at every knot.
+    pub fn linearize<D: Dynamics + ?Sized>(&mut self, dynamics: &D) {
+        for knot in 0..self.shape.steps() {
+            self.advance(dynamics, knot, true);
+        }
+    }
+}

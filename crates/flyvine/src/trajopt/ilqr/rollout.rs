@@ -1,0 +1,75 @@
+//! Rolling commands through the dynamics, and what a trajectory costs.
+
+use super::super::augmented_lagrangian::AugmentedLagrangian;
+use super::super::{Dynamics, Problem};
+use super::Trajectory;
+
+/// Rolls the trajectory's own commands out from its first state, and linearizes along it.
+///
+/// # Errors
+/// The first knot whose state is not finite.
+pub fn rollout<D: Dynamics + ?Sized>(dynamics: &D, trajectory: &mut Trajectory) -> Result<(), usize> {
+    for knot in 0..trajectory.shape.steps() {
+        trajectory.advance(dynamics, knot, true);
+        if !trajectory.state(knot + 1).iter().all(|entry| entry.is_finite()) {
+            return Err(knot + 1);
+        }
+    }
+    Ok(())
+}
+
+/// `‖z_k − z̄_k‖²_Q`.
+pub fn state_cost(problem: &Problem, knot: usize, state: &[f64]) -> f64 {
+    weighted_square(
+        state,
+        &problem.state_reference[knot * state.len()..],
+        &problem.state_weight,
+    )
+}
+
+/// `‖u_k − ū_k‖²_R`.
+pub fn command_cost(problem: &Problem, knot: usize, command: &[f64]) -> f64 {
+    weighted_square(
+        command,
+        &problem.command_reference[knot * command.len()..],
+        &problem.command_weight,
+    )
+}
+
+/// `Σ_k ψ_k`, the multiplier terms at one knot.
+pub fn constraint_cost(constraints: &AugmentedLagrangian, knot: usize, state: &[f64]) -> f64 {
+    constraints
+        .at(knot)
+        .iter()
+        .map(|constraint| constraint.cost(state[constraint.index]))
+        .sum()
+}
+
+/// The problem's cost J.
+pub fn cost(problem: &Problem, trajectory: &Trajectory) -> f64 {
+    let last = trajectory.shape.steps();
+    let running: f64 = (0..last)
+        .map(|knot| {
+            state_cost(problem, knot, trajectory.state(knot))
+                + command_cost(problem, knot, trajectory.command(knot))
+        })
+        .sum();
+    running + state_cost(problem, last, trajectory.state(last))
+}
+
+/// J plus the multiplier terms.
+pub fn merit(problem: &Problem, constraints: &AugmentedLagrangian, trajectory: &Trajectory) -> f64 {
+    let multiplier_terms: f64 = (1..trajectory.shape.knots)
+        .map(|knot| constraint_cost(constraints, knot, trajectory.state(knot)))
+        .sum();
+    cost(problem, trajectory) + multiplier_terms
+}
+
+fn weighted_square(value: &[f64], reference: &[f64], weight: &[f64]) -> f64 {
+    value
+        .iter()
+        .zip(reference)
+        .zip(weight)
+        .map(|((v, r), w)| w * (v - r) * (v - r))
+        .sum()
+}
