@@ -4,15 +4,16 @@ use super::autopilot::mixer::Mixer;
 use super::autopilot::position::ThrustModel;
 use super::autopilot::{Autopilot, Estimate};
 use super::chain::{Base, Chain, ChainState, Growth, Joint, Link, Load, Slider, Tip};
+use super::contact::{self, Ball};
 use super::integrator::{LinearlyImplicit, STAGE};
-use super::mocap::{Mocap, MocapFaults, pose};
+use super::mocap::{Mocap, MocapFaults, Scene, pose};
 use super::parameters::{ParameterError, VehicleParameters};
 use super::pneumatics::Pneumatics;
 use super::wind::Gust;
 use crate::flight::{Configuration, Pose};
 use crate::link::{Observation, Vehicle, VehicleError};
 use crate::{DT, GRAVITY};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
@@ -43,6 +44,7 @@ pub struct SimulatedVehicle {
     pneumatics: Pneumatics,
     gust: Gust,
     mocap: Mocap,
+    ball: Option<Ball>,
     sensor_random: ChaCha8Rng,
     wind_random: ChaCha8Rng,
     /// Commands that have not reached the autopilot yet, with their time of arrival, s.
@@ -73,6 +75,8 @@ pub struct Truth {
     pub nodes: Vec<[f64; 3]>,
     /// Rest distance from quadrotor to end effector and pressure as they are now.
     pub configuration: Configuration,
+    /// Position of the ball, m, where there is one.
+    pub ball: Option<[f64; 3]>,
     /// Poses that motion-capture faults took since the reset.
     pub mocap_faults: MocapFaults,
 }
@@ -96,7 +100,7 @@ impl SimulatedVehicle {
             mixer,
             state: ChainState::hanging(START, links),
             integrator: LinearlyImplicit::new(links),
-            autopilot: Autopilot::hovering(0.0),
+            autopilot: Autopilot::hovering(&parameters.autopilot, 0.0),
             motors: [0.0; 4],
             arm: ArmState {
                 length_m,
@@ -105,7 +109,16 @@ impl SimulatedVehicle {
             },
             pneumatics: Pneumatics::at(0.0),
             gust,
-            mocap: Mocap::default(),
+            mocap: Mocap::new(
+                &parameters.mocap,
+                Scene {
+                    position: START,
+                    attitude: UnitQuaternion::identity(),
+                    end_effector: START,
+                },
+                parameters.autopilot.rate_period_s,
+            ),
+            ball: None,
             sensor_random: ChaCha8Rng::seed_from_u64(0),
             wind_random,
             pending: VecDeque::with_capacity(64),
@@ -152,6 +165,7 @@ impl SimulatedVehicle {
                 length_m: self.arm.length_m,
                 pressure_kpa: self.pneumatics.pressure_kpa,
             },
+            ball: self.ball.map(|ball| ball.position.into()),
             mocap_faults: self.mocap.faults,
         }
     }
@@ -172,9 +186,8 @@ impl SimulatedVehicle {
         self.pneumatics = Pneumatics::at(configuration.pressure_kpa);
         self.state.copy_from(&ChainState::hanging(START, links));
         self.integrator.reset();
-        self.autopilot = Autopilot::hovering(self.weight());
+        self.autopilot = Autopilot::hovering(&self.parameters.autopilot, self.weight());
         self.motors = [0.25 * self.weight(); 4];
-        self.mocap = Mocap::default();
         self.sensor_random = ChaCha8Rng::seed_from_u64(seed);
         self.sensor_random.set_stream(SENSOR_STREAM);
         self.wind_random = ChaCha8Rng::seed_from_u64(seed);
@@ -188,12 +201,23 @@ impl SimulatedVehicle {
         if let Some(slider) = &self.chain.tip.slider {
             self.state.extension = self.parameters.payload.tip_mass_kg * GRAVITY / slider.stretch_stiffness;
         }
+        self.ball = self.parameters.contact.ball.as_ref().map(Ball::at_rest);
         if !self.parameters.wind.is_calm() {
             let ticks = (SETTLING_S / self.parameters.autopilot.rate_period_s).round() as u64;
             for _ in 0..ticks {
                 self.period(&configuration);
             }
             self.tick = 0;
+        }
+        let period = self.parameters.autopilot.rate_period_s;
+        self.mocap = Mocap::new(&self.parameters.mocap, self.scene(), period);
+    }
+
+    fn scene(&self) -> Scene {
+        Scene {
+            position: self.state.position,
+            attitude: self.state.attitude,
+            end_effector: self.chain.end_effector(&self.state),
         }
     }
 
@@ -221,20 +245,47 @@ impl SimulatedVehicle {
             .ceil()
             .max(1.0);
         let step = period / substeps;
+        let effectiveness = self.thrust_effectiveness(now);
         for _ in 0..substeps as usize {
+            let tip_force = self.contact_force(&wind, step);
             let loads = [STAGE, 1.0].map(|fraction| {
                 let (thrust, torque) = self.mixer.wrench(&self.motors_after(&wanted, fraction * step));
                 Load {
-                    thrust,
-                    torque,
+                    thrust: effectiveness * thrust,
+                    torque: effectiveness * torque,
                     wind,
-                    tip_force: Vector3::zeros(),
+                    tip_force,
                 }
             });
             self.integrator.step(&self.chain, &mut self.state, &loads, step);
             self.motors = self.motors_after(&wanted, step);
         }
         self.tick += 1;
+        self.mocap.watch(self.scene());
+    }
+
+    /// Thrust per thrust asked for: the battery sags, and the ground (z = 0) helps by
+    /// `1 / (1 − (r / 4z)²)` (Cheeseman and Bennett, ARC R&M 3021, 1955).
+    fn thrust_effectiveness(&self, now: f64) -> f64 {
+        let quadrotor = &self.parameters.quadrotor;
+        let battery = (1.0 - quadrotor.battery_sag_per_minute * now / 60.0).max(0.0);
+        if quadrotor.ground_effect_radius_m == 0.0 {
+            return battery;
+        }
+        // The formula holds down to about one radius.
+        let ratio = quadrotor.ground_effect_radius_m
+            / (4.0 * self.state.position.z.max(quadrotor.ground_effect_radius_m));
+        battery / (1.0 - ratio * ratio)
+    }
+
+    /// Contact force on the end effector, N; moves the ball.
+    fn contact_force(&mut self, wind: &Vector3<f64>, step: f64) -> Vector3<f64> {
+        let contact = &self.parameters.contact;
+        if contact.floor_m.is_none() && self.ball.is_none() {
+            return Vector3::zeros();
+        }
+        let (tip, velocity) = self.chain.end_effector_motion(&self.state);
+        contact::step(contact, self.ball.as_mut(), &tip, &velocity, wind, step)
     }
 
     /// Motor thrusts after `time` of first-order lag towards `wanted`, N.
@@ -335,14 +386,7 @@ impl SimulatedVehicle {
     }
 
     fn observe(&mut self) -> Observation {
-        let end_effector = self.chain.end_effector(&self.state);
-        let (quadrotor, end_effector) = self.mocap.frame(
-            &self.parameters.mocap,
-            &self.state.position,
-            &self.state.attitude,
-            &end_effector,
-            &mut self.sensor_random,
-        );
+        let (quadrotor, end_effector) = self.mocap.frame(&self.parameters.mocap, &mut self.sensor_random);
         Observation {
             t_s: self.time_s(),
             quadrotor,
