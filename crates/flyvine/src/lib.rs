@@ -24,10 +24,10 @@ pub mod benchmark;
 pub mod file;
 pub mod flight;
 pub mod link;
-pub mod report;
-pub mod task;
 pub mod model;
+pub mod report;
 pub mod sim;
+pub mod task;
 pub mod trajopt;
 
 /// Sample time of commands, flights and plans, s.

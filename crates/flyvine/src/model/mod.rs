@@ -22,6 +22,7 @@ mod fit;
 mod lag;
 mod least_squares;
 mod options;
+pub mod physical;
 mod rollout;
 mod selection;
 mod stability;
