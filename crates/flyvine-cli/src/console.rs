@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::time::Duration;
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{CellAlignment, Table, presets::UTF8_HORIZONTAL_ONLY};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::outcome::{Blame, Failure};
@@ -31,7 +31,7 @@ pub fn print_json(result: &impl serde::Serialize) -> Result<(), Failure> {
 pub fn table(header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut table = Table::new();
     table
-        .load_preset(presets::UTF8_BORDERS_ONLY)
+        .load_style(UTF8_HORIZONTAL_ONLY)
         .set_header(header.to_vec())
         .add_rows(rows);
     for column in table.column_iter_mut().skip(1) {

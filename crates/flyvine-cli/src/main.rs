@@ -1,7 +1,18 @@
 //! The `flyvine` command line: parses arguments, runs one command, prints, exits.
 
+mod check;
 mod console;
+mod convert;
+mod demo;
+mod fit;
+mod flights;
+mod fly;
 mod outcome;
+mod plan;
+mod report;
+mod run_folder;
+mod score;
+mod solve;
 
 use std::process::ExitCode;
 
@@ -29,9 +40,29 @@ struct Arguments {
 }
 
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    Demo(demo::DemoArguments),
+    Fit(fit::FitArguments),
+    Check(check::CheckArguments),
+    Plan(plan::PlanArguments),
+    Fly(fly::FlyArguments),
+    Score(score::ScoreArguments),
+    Report(report::ReportArguments),
+    Solve(solve::SolveArguments),
+    Convert(convert::ConvertArguments),
+}
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    outcome::exit_code(match arguments.command {})
+    outcome::exit_code(match &arguments.command {
+        Command::Demo(arguments) => demo::run(arguments),
+        Command::Fit(arguments) => fit::run(arguments),
+        Command::Check(arguments) => check::run(arguments),
+        Command::Plan(arguments) => plan::run(arguments),
+        Command::Fly(arguments) => fly::run(arguments),
+        Command::Score(arguments) => score::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
+        Command::Solve(arguments) => solve::run(arguments),
+        Command::Convert(arguments) => convert::run(arguments),
+    })
 }

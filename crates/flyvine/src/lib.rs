@@ -21,8 +21,10 @@
 //! Quaternions are Hamilton, `world_from_body`, scalar first, `w ≥ 0`.
 
 pub mod benchmark;
+pub mod control;
 pub mod file;
 pub mod flight;
+mod kernel;
 pub mod link;
 pub mod model;
 pub mod report;

@@ -71,6 +71,7 @@ impl Configuration {
                 inertia_transverse_kg_m2: self.tip_inertia_transverse,
                 inertia_axial_kg_m2: self.tip_inertia_axial,
                 drag: 0.0,
+                slider: None,
             },
             growth: Growth::default(),
             gravity,

@@ -256,3 +256,6 @@ fn whole<const N: usize>(
     }
     Ok(Some(values))
 }
+
+#[cfg(test)]
+mod tests;

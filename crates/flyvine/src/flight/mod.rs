@@ -12,6 +12,8 @@ pub mod mapping;
 mod plausible;
 mod quaternion;
 mod resample;
+#[cfg(test)]
+pub(crate) mod shared_data;
 mod table;
 
 pub use self::continuity::CLOCK_TOLERANCE_S;

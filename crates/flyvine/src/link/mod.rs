@@ -1,5 +1,7 @@
 //! What a plan is flown on: the [`Vehicle`] interface, and vehicles outside this process.
 
+pub mod exec;
+
 use crate::flight::{Configuration, Pose};
 
 /// What the vehicle reports after a reset or a step.
@@ -21,6 +23,11 @@ pub trait Vehicle {
     /// Holds `command` (quadrotor position, m) for [`crate::DT`] seconds while the arm is told to go to
     /// `configuration`, and returns the newest poses.
     fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError>;
+
+    /// Ends the session in good order. Vehicles that hold nothing outside this process have nothing to do.
+    fn close(&mut self) -> Result<(), VehicleError> {
+        Ok(())
+    }
 }
 
 /// Why a vehicle can no longer be flown.
@@ -40,4 +47,7 @@ pub enum VehicleError {
         /// What was found.
         what: String,
     },
+    /// A vehicle in a child process failed or broke the protocol.
+    #[error(transparent)]
+    Exec(#[from] exec::ExecError),
 }

@@ -1,22 +1,21 @@
 //! How well a bank predicts recordings: one-step residuals, rollout errors, stability.
 
-use super::SIGNALS;
-use super::bank::{Bank, Model};
+use super::bank::Bank;
 use super::error::ModelError;
-use super::lag::STATE_LEN;
+use super::family::Model;
+use super::one_step::one_step_rmse;
 use super::rollout::{RolloutError, summarize, window_errors};
 use super::track::Track;
 use crate::flight::{Configuration, Flight};
-use crate::trajopt::Dynamics;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Horizons of the rollouts, in steps: 0.5, 1, 2.5, 5 and 10 s.
 const HORIZONS: [usize; 5] = [10, 20, 50, 100, 200];
 
 /// How well a bank predicts recordings.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CheckReport {
     /// One entry per flight, in the order given.
     pub flights: Vec<FlightCheck>,
@@ -25,14 +24,14 @@ pub struct CheckReport {
 }
 
 /// How well a bank predicts one recording.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FlightCheck {
     /// Name of the flight.
     pub path: String,
     /// Its configuration; of its first row, where it changes.
     pub configuration: Configuration,
     /// Configuration of its last row, where it changes.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_configuration: Option<Configuration>,
     /// Root-mean-square error of one-step predictions per signal, m (positions) or 1 (attitude); empty if no
     /// row has valid lags.
@@ -42,7 +41,7 @@ pub struct FlightCheck {
 }
 
 /// Numbers of one model of the bank.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ModelCheck {
     /// Where it sits.
     pub configuration: Configuration,
@@ -95,35 +94,11 @@ fn check_flight(bank: &Bank, flight: &Flight) -> Result<FlightCheck, ModelError>
             .constant_configuration()
             .is_none()
             .then(|| configurations[configurations.len() - 1]),
-        one_step_rmse: one_step_rmse(&model, &track),
+        one_step_rmse: one_step_rmse(&model, &[&track]),
         rollout: HORIZONS
             .iter()
             .zip(&windows)
             .map(|(&steps, list)| summarize(&track, steps, list))
             .collect(),
     })
-}
-
-/// Root-mean-square one-step error per signal over all valid transitions.
-fn one_step_rmse(model: &impl Dynamics, track: &Track) -> BTreeMap<String, f64> {
-    let lags = model.state_len() / STATE_LEN;
-    let mut state = vec![0.0; model.state_len()];
-    let (mut squares, mut count) = ([0.0; STATE_LEN], 0);
-    for row in (0..track.rows()).filter(|&row| track.unbroken(row, lags, 1)) {
-        track.lagged_state(row, &mut state);
-        let mut predicted = [0.0; STATE_LEN];
-        model.step(row, &state, track.command(row), &mut predicted);
-        let measured = track.state(row + 1);
-        for signal in 0..STATE_LEN {
-            squares[signal] += (predicted[signal] - measured[signal]).powi(2);
-        }
-        count += 1;
-    }
-    let rmse = squares.map(|sum: f64| (sum / f64::from(count)).sqrt());
-    let named = SIGNALS.map(String::from).into_iter().zip(rmse);
-    if count == 0 {
-        BTreeMap::new()
-    } else {
-        named.collect()
-    }
 }

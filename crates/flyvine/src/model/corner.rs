@@ -1,9 +1,9 @@
 //! The recordings of one configuration as triangular factors, and the models that solve them.
 
 use super::error::ModelError;
-use super::features::{quadratic_len, quadratic_terms};
+use super::features::{Coordinates, quadratic_len, quadratic_terms};
 use super::lag::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN};
-use super::least_squares::{RidgeSolver, TriangularFactor};
+use super::least_squares::{Gram, Penalty, TriangularFactor};
 use super::options::Structure;
 use super::track::Track;
 use crate::flight::Configuration;
@@ -15,8 +15,20 @@ use std::ops::Range;
 const WHOLE_FLIGHTS: usize = 3;
 /// Number of segments that fewer flights are cut into.
 const SEGMENTS: usize = 6;
-/// Most folds of a cross-validation.
-const MAX_FOLDS: usize = 6;
+/// Shape of a fit.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shape {
+    pub structure: Structure,
+    pub lags: usize,
+    pub inputs: CommandInputs,
+}
+
+/// Strengths of the ridges; `height = None` leaves the height row linear.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ridges {
+    pub linear: f64,
+    pub height: Option<f64>,
+}
 
 /// Rows of one flight that are held out together.
 pub(crate) struct Block {
@@ -24,29 +36,26 @@ pub(crate) struct Block {
     pub track: usize,
     /// Rows k of its transitions k → k + 1.
     pub rows: Range<usize>,
-    /// `[w | x_{k+1} − x_k]`.
-    linear: TriangularFactor,
-    /// `[1, w, w wᵀ | height increment]`, for the paper's structure.
-    height: Option<TriangularFactor>,
+    factors: Factors<TriangularFactor>,
+    grams: Factors<Gram>,
+}
+
+/// The two regressions of a corner.
+struct Factors<F> {
+    /// `[w | x_{k+1} − x_k]`, all nine signals.
+    linear: F,
+    /// `[1, w, v vᵀ | height increment]`, for the paper's structure.
+    height: Option<F>,
 }
 
 /// The recordings at one configuration.
 pub(crate) struct Corner {
     pub configuration: Configuration,
     pub blocks: Vec<Block>,
-    lags: usize,
-    inputs: CommandInputs,
-}
-
-/// Decomposed least-squares problems of one choice of blocks.
-pub(crate) struct CornerSolver {
-    pub rows: usize,
-    lags: usize,
-    inputs: CommandInputs,
-    linear_factor: TriangularFactor,
-    height_factor: Option<TriangularFactor>,
-    linear: RidgeSolver,
-    height: Option<RidgeSolver>,
+    shape: Shape,
+    /// Everything merged.
+    factors: Factors<TriangularFactor>,
+    grams: Factors<Gram>,
 }
 
 impl Corner {
@@ -55,7 +64,7 @@ impl Corner {
         configuration: Configuration,
         members: &[usize],
         tracks: &[Track],
-        (structure, lags, inputs): (Structure, usize, CommandInputs),
+        shape: Shape,
     ) -> Result<Self, ModelError> {
         let pieces = if members.len() >= WHOLE_FLIGHTS {
             1
@@ -71,14 +80,22 @@ impl Corner {
             .collect();
         let blocks: Vec<Block> = cuts
             .into_par_iter()
-            .map(|(track, rows)| Block::new(track, rows, &tracks[track], structure, lags))
+            .map(|(track, rows)| Block::new(track, rows, &tracks[track], shape))
             .collect();
-        let rows = blocks.iter().map(|block| block.linear.rows).sum();
-        let p = lags * STATE_LEN + inputs.len();
-        let coefficients = match structure {
-            Structure::Paper => quadratic_len(p),
-            Structure::Linear => p,
+        let factors = Factors {
+            linear: TriangularFactor::merge(blocks.iter().map(|block| &block.factors.linear)),
+            height: (shape.structure == Structure::Paper).then(|| {
+                TriangularFactor::merge(blocks.iter().filter_map(|block| block.factors.height.as_ref()))
+            }),
         };
+        let corner = Self {
+            configuration,
+            grams: factors.grams(),
+            factors,
+            blocks,
+            shape,
+        };
+        let (rows, coefficients) = (corner.rows(), corner.coefficients());
         if rows < coefficients {
             return Err(ModelError::TooFewRows {
                 configuration,
@@ -87,72 +104,97 @@ impl Corner {
                 coefficients,
             });
         }
-        Ok(Self {
-            configuration,
-            blocks,
-            lags,
-            inputs,
-        })
+        Ok(corner)
     }
 
-    /// Blocks per fold of the cross-validation: every block is held out once.
-    pub fn folds(&self) -> Vec<Vec<usize>> {
-        let count = self.blocks.len().min(MAX_FOLDS);
-        (0..count)
-            .map(|fold| (fold..self.blocks.len()).step_by(count).collect())
-            .collect()
+    /// The flights fitted.
+    pub fn members<'a, 'b>(&self, tracks: &'b [Track<'a>]) -> Vec<&'b Track<'a>> {
+        let mut indices: Vec<usize> = self.blocks.iter().map(|block| block.track).collect();
+        indices.dedup();
+        indices.into_iter().map(|index| &tracks[index]).collect()
     }
 
-    /// Decomposes the problem of all blocks but `held_out`.
-    pub fn solver(&self, held_out: &[usize]) -> Result<CornerSolver, ModelError> {
-        let kept = || {
-            self.blocks
-                .iter()
-                .enumerate()
-                .filter(|(index, _)| !held_out.contains(index))
+    /// Rows fitted.
+    pub fn rows(&self) -> usize {
+        self.factors.linear.rows
+    }
+
+    /// Coefficients of the largest row.
+    pub fn coefficients(&self) -> usize {
+        self.factors
+            .height
+            .as_ref()
+            .unwrap_or(&self.factors.linear)
+            .regressors()
+    }
+
+    /// The model fitted on everything, by QR.
+    pub fn model(&self, ridges: Ridges) -> Result<LagModel, ModelError> {
+        self.shape.model(&self.factors, ridges, &TriangularFactor::solve)
+    }
+
+    /// The model fitted on everything, for trials.
+    pub fn model_on_trial(&self, ridges: Ridges) -> Result<LagModel, ModelError> {
+        self.shape.model(&self.grams, ridges, &Gram::solve)
+    }
+
+    /// The model fitted on all blocks but one, for trials.
+    pub fn model_without(&self, block: usize, ridges: Ridges) -> Result<LagModel, ModelError> {
+        let left_out = &self.blocks[block].grams;
+        let grams = Factors {
+            linear: self.grams.linear.without(&left_out.linear),
+            height: self
+                .grams
+                .height
+                .as_ref()
+                .zip(left_out.height.as_ref())
+                .map(|(all, out)| all.without(out)),
         };
-        let failed = |what| ModelError::Factorization {
-            what,
+        self.shape.model(&grams, ridges, &Gram::solve)
+    }
+
+    /// Condition numbers of the equilibrated regressors: of the height row, if it is quadratic, and of the
+    /// linear rows.
+    pub fn condition_numbers(&self) -> Result<(Option<f64>, f64), ModelError> {
+        let failed = ModelError::Factorization {
+            what: "singular values",
             configuration: self.configuration,
         };
-        let linear_factor = TriangularFactor::merge(kept().map(|(_, block)| &block.linear));
-        let linear = RidgeSolver::new(&linear_factor, false)
-            .ok_or_else(|| failed("singular value decomposition of the linear rows"))?;
-        let height_factor = self.blocks[0]
+        let height = self
+            .factors
             .height
-            .is_some()
-            .then(|| TriangularFactor::merge(kept().filter_map(|(_, block)| block.height.as_ref())));
-        let height = match &height_factor {
-            None => None,
-            Some(factor) => Some(
-                RidgeSolver::new(factor, true)
-                    .ok_or_else(|| failed("singular value decomposition of the height row"))?,
-            ),
-        };
-        Ok(CornerSolver {
-            rows: linear_factor.rows,
-            lags: self.lags,
-            inputs: self.inputs,
-            linear_factor,
-            height_factor,
-            linear,
-            height,
-        })
+            .as_ref()
+            .map(|factor| factor.condition_number(true));
+        match (height, self.factors.linear.condition_number(false)) {
+            (Some(None), _) | (_, None) => Err(failed),
+            (height, Some(linear)) => Ok((height.flatten(), linear)),
+        }
+    }
+}
+
+impl Factors<TriangularFactor> {
+    fn grams(&self) -> Factors<Gram> {
+        Factors {
+            linear: self.linear.gram(),
+            height: self.height.as_ref().map(TriangularFactor::gram),
+        }
     }
 }
 
 impl Block {
-    fn new(track: usize, rows: Range<usize>, source: &Track, structure: Structure, lags: usize) -> Self {
+    fn new(track: usize, rows: Range<usize>, source: &Track, shape: Shape) -> Self {
+        let Shape {
+            structure,
+            lags,
+            inputs,
+        } = shape;
         let transitions: Vec<usize> = rows.clone().filter(|&k| source.unbroken(k, lags, 1)).collect();
-        let p = lags * STATE_LEN + source.command(0).len();
-        let mut w = vec![0.0; p];
+        let coordinates = Coordinates::new(lags, inputs);
+        let p = lags * STATE_LEN + inputs.len();
+        let (mut w, mut v, mut terms) = (vec![0.0; p], vec![0.0; p], vec![0.0; quadratic_len(p)]);
+        let quadratic = structure == Structure::Paper;
         let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
-        let terms = match structure {
-            Structure::Paper => quadratic_len(p),
-            Structure::Linear => 0,
-        };
-        let mut quadratic = vec![0.0; terms];
-        let mut height = Mat::zeros(transitions.len(), terms + 1);
+        let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
         for (row, &k) in transitions.iter().enumerate() {
             source.lagged_state(k, &mut w[..lags * STATE_LEN]);
             w[lags * STATE_LEN..].copy_from_slice(source.command(k));
@@ -163,75 +205,73 @@ impl Block {
             for signal in 0..STATE_LEN {
                 linear[(row, p + signal)] = next[signal] - now[signal];
             }
-            if terms > 0 {
-                quadratic_terms(&w, &mut quadratic);
-                for (column, &value) in quadratic.iter().enumerate() {
+            if quadratic {
+                coordinates.apply(&w, &mut v);
+                quadratic_terms(&w, &v, &mut terms);
+                for (column, &value) in terms.iter().enumerate() {
                     height[(row, column)] = value;
                 }
-                height[(row, terms)] = next[HEIGHT_ROW] - now[HEIGHT_ROW];
+                height[(row, terms.len())] = next[HEIGHT_ROW] - now[HEIGHT_ROW];
             }
         }
+        let factors = Factors {
+            linear: TriangularFactor::of_rows(linear, p),
+            height: quadratic.then(|| TriangularFactor::of_rows(height, terms.len())),
+        };
         Self {
             track,
             rows,
-            linear: TriangularFactor::of_rows(linear, p),
-            height: (terms > 0).then(|| TriangularFactor::of_rows(height, terms)),
+            grams: factors.grams(),
+            factors,
         }
     }
 }
 
-impl CornerSolver {
-    /// The model with the given ridge strengths; `height_ridge = None` leaves the height row linear.
-    pub fn model(&self, linear_ridge: f64, height_ridge: Option<f64>) -> Result<LagModel, ModelError> {
-        let increments = self.linear.solve(linear_ridge);
-        let p = increments.nrows();
+impl Shape {
+    /// Solves both regressions and puts the model together, back in the coordinates w.
+    fn model<F>(
+        self,
+        factors: &Factors<F>,
+        ridges: Ridges,
+        solve: &dyn Fn(&F, &Penalty) -> Mat<f64>,
+    ) -> Result<LagModel, ModelError> {
+        let Self { lags, inputs, .. } = self;
+        let p = lags * STATE_LEN + inputs.len();
+        let theta = solve(
+            &factors.linear,
+            &Penalty {
+                intercept: false,
+                strengths: vec![ridges.linear; p],
+            },
+        );
         let mut offset = vec![0.0; STATE_LEN];
-        let mut linear = vec![0.0; STATE_LEN * p];
-        for row in 0..STATE_LEN {
-            for column in 0..p {
-                linear[row * p + column] = increments[(column, row)];
-            }
-        }
+        let mut rows: Vec<Vec<f64>> = (0..STATE_LEN)
+            .map(|row| theta.col_as_slice(row).to_vec())
+            .collect();
         let mut quadratic = Vec::new();
-        if let (Some(ridge), Some(solver)) = (height_ridge, &self.height) {
-            let theta = solver.solve(ridge);
+        if let (Some(ridge), Some(factor)) = (ridges.height, &factors.height) {
+            let mut strengths = vec![ridge; quadratic_len(p) - 1];
+            strengths[..p].fill(ridges.linear);
+            let theta = solve(
+                factor,
+                &Penalty {
+                    intercept: true,
+                    strengths,
+                },
+            );
             let theta = theta.col_as_slice(0);
             offset[HEIGHT_ROW] = theta[0];
-            linear[HEIGHT_ROW * p..].copy_from_slice(&theta[1..=p]);
+            rows[HEIGHT_ROW] = theta[1..=p].to_vec();
+            let upper_triangle = Coordinates::new(lags, inputs).quadratic_on_w(&theta[1 + p..]);
             quadratic.push(QuadraticTerms {
                 row: HEIGHT_ROW,
-                upper_triangle: theta[1 + p..].to_vec(),
+                upper_triangle,
             });
         }
-        // Fitted were increments: add the newest state.
-        for row in 0..STATE_LEN {
-            linear[row * p + row] += 1.0;
+        // Increments were fitted: add the newest state.
+        for (signal, row) in rows.iter_mut().enumerate() {
+            row[signal] += 1.0;
         }
-        LagModel::new(self.lags, self.inputs, offset, linear, &quadratic)
-    }
-
-    /// Root-mean-square residual per signal over the rows that were fitted.
-    pub fn residual_rms(&self, linear_ridge: f64, height_ridge: Option<f64>) -> Vec<f64> {
-        let mut rms = self.linear_factor.residual_rms(&self.linear.solve(linear_ridge));
-        if let (Some(ridge), Some(solver), Some(factor)) = (height_ridge, &self.height, &self.height_factor) {
-            rms[HEIGHT_ROW] = factor.residual_rms(&solver.solve(ridge))[0];
-        }
-        rms
-    }
-
-    /// Coefficients of the largest row.
-    pub fn coefficients(&self) -> usize {
-        self.height_factor
-            .as_ref()
-            .unwrap_or(&self.linear_factor)
-            .regressors()
-    }
-
-    /// Condition numbers of the equilibrated regressors: height row (if quadratic), linear rows.
-    pub fn condition_numbers(&self) -> (Option<f64>, f64) {
-        (
-            self.height.as_ref().map(RidgeSolver::condition_number),
-            self.linear.condition_number(),
-        )
+        LagModel::new(lags, inputs, offset, rows.concat(), &quadratic)
     }
 }

@@ -1,9 +1,10 @@
 //! Choosing structure and ridge by what matters to a plan: rollout error on data that was held out.
 
-use super::bank::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics};
-use super::corner::{Corner, CornerSolver};
+use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
+use super::corner::{Corner, Ridges};
 use super::error::ModelError;
-use super::lag::{CommandInputs, LagModel};
+use super::family::Model;
+use super::lag::CommandInputs;
 use super::rollout::{WindowError, standing_still_errors, window_errors};
 use super::track::Track;
 use rayon::prelude::*;
@@ -44,6 +45,18 @@ pub struct HeldOutError {
     pub diverged_share: f64,
 }
 
+impl std::fmt::Display for HeldOutError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "mean rollout error {:.1} cm, {:.1} % of {} windows diverged",
+            100.0 * self.mean_m,
+            100.0 * self.diverged_share,
+            self.windows
+        )
+    }
+}
+
 impl Candidate {
     /// What is minimized, m: the mean of both errors; 0 if neither could be measured.
     pub fn score_m(&self) -> f64 {
@@ -67,90 +80,70 @@ pub(crate) fn best(candidates: &[Candidate]) -> usize {
     best
 }
 
-/// Factored recordings of all corners, ready to try candidates on.
+/// The recordings of all corners, ready to try candidates on.
 pub(crate) struct CrossValidation<'a> {
     pub corners: &'a [Corner],
     pub tracks: &'a [Track<'a>],
     /// Interior and deploying flights (indices into `tracks`).
     pub interior: &'a [usize],
     pub inputs: CommandInputs,
-    /// Per corner: the solver on everything.
-    pub full: Vec<CornerSolver>,
-    /// Corner, blocks held out, solver on the others.
-    folds: Vec<(usize, Vec<usize>, CornerSolver)>,
 }
 
-impl<'a> CrossValidation<'a> {
-    /// Decomposes every fold of every corner.
-    pub fn new(
-        corners: &'a [Corner],
-        tracks: &'a [Track<'a>],
-        interior: &'a [usize],
-        inputs: CommandInputs,
-    ) -> Result<Self, ModelError> {
-        let full = corners
-            .par_iter()
-            .map(|corner| corner.solver(&[]))
-            .collect::<Result<_, _>>()?;
-        let held_out: Vec<(usize, Vec<usize>)> = corners
+impl CrossValidation<'_> {
+    /// Tries one choice of ridges: every block is predicted by the model of its corner's other blocks, every
+    /// interior flight by the bank of everything.
+    pub fn try_candidate(&self, ridges: Ridges) -> Result<Candidate, ModelError> {
+        let blocks: Vec<(&Corner, usize)> = self
+            .corners
             .iter()
-            .enumerate()
-            .flat_map(|(index, corner)| corner.folds().into_iter().map(move |fold| (index, fold)))
+            .flat_map(|corner| (0..corner.blocks.len()).map(move |block| (corner, block)))
             .collect();
-        let folds = held_out
-            .into_par_iter()
-            .map(|(corner, fold)| corners[corner].solver(&fold).map(|solver| (corner, fold, solver)))
-            .collect::<Result<_, _>>()?;
-        Ok(Self {
-            corners,
-            tracks,
-            interior,
-            inputs,
-            full,
-            folds,
-        })
-    }
-
-    /// Tries one choice of ridges.
-    pub fn try_candidate(
-        &self,
-        linear_ridge: f64,
-        height_ridge: Option<f64>,
-    ) -> Result<Candidate, ModelError> {
-        let held_out: Vec<Vec<Vec<WindowError>>> = self
-            .folds
+        let held_out = blocks
             .par_iter()
-            .map(|(corner, fold, solver)| {
-                let model = solver.model(linear_ridge, height_ridge)?;
-                Ok(self.fold_errors(*corner, fold, &model))
+            .map(|(corner, index)| {
+                let (model, block) = (corner.model_without(*index, ridges)?, &corner.blocks[*index]);
+                Ok(window_errors(
+                    &model,
+                    &self.tracks[block.track],
+                    block.rows.clone(),
+                    &HORIZONS,
+                ))
             })
-            .collect::<Result<_, ModelError>>()?;
+            .collect::<Result<Vec<_>, ModelError>>()?;
         let interior = if self.interior.is_empty() {
             None
         } else {
-            let models = self
-                .full
-                .iter()
-                .map(|solver| solver.model(linear_ridge, height_ridge));
-            let bank = self.bank(models.collect::<Result<_, _>>()?)?;
-            let errors = self
-                .interior
-                .par_iter()
-                .map(|&index| {
-                    let track = &self.tracks[index];
-                    let model = bank.scheduled(&track.configurations())?;
-                    Ok(window_errors(&model, track, 0..track.rows(), &HORIZONS))
-                })
-                .collect::<Result<Vec<_>, ModelError>>()?;
-            pool(&errors)
+            pool(&self.interior_errors(ridges)?)
         };
         Ok(Candidate {
             inputs: self.inputs,
-            linear_ridge,
-            height_ridge,
+            linear_ridge: ridges.linear,
+            height_ridge: ridges.height,
             corners: pool(&held_out),
             interior,
         })
+    }
+
+    fn interior_errors(&self, ridges: Ridges) -> Result<Vec<Vec<Vec<WindowError>>>, ModelError> {
+        let model = |corner: &Corner| {
+            Ok(BankModel {
+                configuration: corner.configuration,
+                model: Model::Lag(corner.model_on_trial(ridges)?),
+                diagnostics: ModelDiagnostics::default(),
+            })
+        };
+        let models = self
+            .corners
+            .par_iter()
+            .map(model)
+            .collect::<Result<_, ModelError>>()?;
+        let bank = Bank::new(models, BankProvenance::default())?;
+        let errors = |&index: &usize| {
+            let track = &self.tracks[index];
+            let model = bank.scheduled(&track.configurations())?;
+            Ok(window_errors(&model, track, 0..track.rows(), &HORIZONS))
+        };
+        self.interior.par_iter().map(errors).collect()
     }
 
     /// The error of predicting that nothing moves, on the same windows.
@@ -162,27 +155,6 @@ impl<'a> CrossValidation<'a> {
             .map(|block| standing_still_errors(&self.tracks[block.track], block.rows.clone(), &HORIZONS))
             .collect();
         pool(&errors)
-    }
-
-    fn fold_errors(&self, corner: usize, fold: &[usize], model: &LagModel) -> Vec<Vec<WindowError>> {
-        let mut errors = vec![Vec::new(); HORIZONS.len()];
-        for &index in fold {
-            let block = &self.corners[corner].blocks[index];
-            let windows = window_errors(model, &self.tracks[block.track], block.rows.clone(), &HORIZONS);
-            for (list, more) in errors.iter_mut().zip(windows) {
-                list.extend(more);
-            }
-        }
-        errors
-    }
-
-    fn bank(&self, models: Vec<LagModel>) -> Result<Bank, ModelError> {
-        let models = self.corners.iter().zip(models).map(|(corner, model)| BankModel {
-            configuration: corner.configuration,
-            model: Model::Lag(model),
-            diagnostics: ModelDiagnostics::default(),
-        });
-        Bank::new(models.collect(), BankProvenance::default())
     }
 }
 

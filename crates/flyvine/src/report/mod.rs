@@ -8,6 +8,8 @@ mod replay;
 mod results;
 mod score;
 mod tables;
+#[cfg(test)]
+mod tests;
 
 pub use figures::{Figure, figures};
 pub use html::html;

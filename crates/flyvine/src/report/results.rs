@@ -6,7 +6,7 @@ use super::score::{DistanceStatistics, Score, SwingTarget};
 use crate::flight::{Configuration, Flight};
 
 /// Everything that one report shows. Lists may be empty: what is absent is left out of the page.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Results {
     /// What was run.
     pub summary: RunSummary,
@@ -177,13 +177,13 @@ pub enum ReportError {
 }
 
 impl Experiment {
-    /// The name for people, for example "Lemniscate, period 10 s, ES".
+    /// The name for people, for example "Lemniscate, period 10 s, ES"; the user's own name for waypoints.
     pub fn title(&self) -> String {
         let task = match self.kind {
             ExperimentKind::Lemniscate => "Lemniscate",
             ExperimentKind::Swing => "Swing",
             ExperimentKind::Deploy => "Deployment",
-            ExperimentKind::Waypoints => "Waypoints",
+            ExperimentKind::Waypoints => return self.name.clone(),
         };
         match self.period_s {
             Some(period_s) => format!("{task}, period {period_s} s, {}", self.label),

@@ -17,33 +17,30 @@ pub fn scores(experiments: &[Experiment], palette: &Palette) -> String {
          <thead><tr><th scope=\"col\">Experiment</th><th scope=\"col\">to reference<br>mean</th>\
          <th scope=\"col\"><br>RMS</th><th scope=\"col\"><br>max</th><th scope=\"col\">to prediction<br>mean</th>\
          <th scope=\"col\">target<br>missed by</th><th scope=\"col\">velocity there<br>v<sub>x</sub>, v<sub>z</sub> (m/s)</th>\
-         <th scope=\"col\">rows<br>not seen</th><th scope=\"col\">paper,<br>mean</th><th></th></tr></thead>\n\
+         <th scope=\"col\">rows<br>not seen</th><th scope=\"col\">paper,<br>mean</th></tr></thead>\n\
          <tbody>\n{rows}</tbody></table></div>\n"
     )
 }
 
 fn score_row(experiment: &Experiment, palette: &Palette) -> String {
     let published = published_error(experiment);
+    let title = escape(&experiment.title());
     let heading = format!(
-        "<th scope=\"row\"><span class=\"dot\" style=\"background:{}\"></span>{}</th>",
+        "<th scope=\"row\"><button type=\"button\" class=\"small\" data-replay=\"{}\" aria-label=\"Replay {title}\">▶</button>\
+         <span class=\"dot\" style=\"background:{}\"></span>{title}</th>",
+        escape(&experiment.name),
         palette.color(&experiment.label),
-        escape(&experiment.title())
     );
     let paper = published.map_or(NOTHING.to_owned(), published_range);
-    let replay = format!(
-        "<td><button type=\"button\" class=\"small\" data-replay=\"{}\" aria-label=\"Replay {}\">Replay</button></td>",
-        escape(&experiment.name),
-        escape(&experiment.title())
-    );
     let remark = experiment.remark.as_deref().map_or(String::new(), |remark| {
         format!(
-            "<tr><td class=\"text wrap\" colspan=\"10\">{}</td></tr>\n",
+            "<tr><td class=\"text wrap\" colspan=\"9\">{}</td></tr>\n",
             escape(remark)
         )
     });
     let Some((score, (against, error))) = experiment.score.as_ref().zip(experiment.comparable_error()) else {
         let gap = "<td class=\"text\" colspan=\"7\">not scored</td>";
-        return format!("<tr>{heading}{gap}<td>{paper}</td>{replay}</tr>\n{remark}");
+        return format!("<tr>{heading}{gap}<td>{paper}</td></tr>\n{remark}");
     };
     let mean = |metres: f64, what: Against| {
         if what == against {
@@ -57,7 +54,7 @@ fn score_row(experiment: &Experiment, palette: &Palette) -> String {
         }
     };
     format!(
-        "<tr>{heading}{}<td>{}</td><td>{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{paper}</td>{replay}</tr>\n{remark}",
+        "<tr>{heading}{}<td>{}</td><td>{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{paper}</td></tr>\n{remark}",
         mean(score.ee_vs_reference.mean_m, Against::Reference),
         centimetres(score.ee_vs_reference.rms_m),
         centimetres(score.ee_vs_reference.max_m),

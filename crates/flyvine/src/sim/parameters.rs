@@ -85,6 +85,8 @@ pub struct ArmParameters {
     pub drag_coefficient_tangential: f64,
     /// Drag area of the tip (coefficient times frontal area), m².
     pub tip_drag_area_m2: f64,
+    /// Axial damping of the tube, N s/m.
+    pub axial_damping_n_s_m: f64,
     /// Greatest growth rate, m/s.
     pub max_growth_rate_m_s: f64,
     /// First-order lag of the growth motor, s.
@@ -125,6 +127,10 @@ pub struct Beam {
     pub damping_n_m2_s: f64,
     /// Moment at which the tube wrinkles and its stiffness saturates, N m.
     pub collapse_moment_n_m: f64,
+    /// Shortening per loss of tension below the hanging tip's weight, m/N: limp fabric folds, the coil pulls.
+    pub slack_m_n: f64,
+    /// Lengthening per tension above the hanging tip's weight, m/N.
+    pub stretch_m_n: f64,
 }
 
 /// What the arm carries besides itself.
@@ -149,13 +155,13 @@ impl Default for QuadrotorParameters {
     fn default() -> Self {
         QuadrotorParameters {
             total_mass_kg: 1.7,
-            inertia_kg_m2: [0.012, 0.012, 0.018],
+            inertia_kg_m2: [0.0188, 0.0188, 0.0283],
             motor_offset_m: 0.09,
             max_thrust_n: 4.0 * 9.81,
-            motor_time_constant_s: 0.04,
+            motor_time_constant_s: 0.1,
             torque_per_thrust_m: 0.015,
-            drag_n_s_m: [0.3, 0.3, 0.3],
-            clamp_offset_m: 0.13,
+            drag_n_s_m: [0.286, 0.286, 0.286],
+            clamp_offset_m: 0.163,
         }
     }
 }
@@ -163,38 +169,47 @@ impl Default for QuadrotorParameters {
 impl Default for ArmParameters {
     fn default() -> Self {
         ArmParameters {
-            tip_mass_kg: 0.16,
-            tip_inertia_transverse_kg_m2: 3e-4,
+            tip_mass_kg: 0.13,
+            tip_inertia_transverse_kg_m2: 0.00163,
             tip_inertia_axial_kg_m2: 2e-4,
-            tip_offset_m: 0.08,
-            linear_density_kg_m: 0.07,
+            tip_offset_m: 0.02,
+            linear_density_kg_m: 0.05,
             diameter_m: 0.08,
-            drag_coefficient_normal: 1.2,
+            drag_coefficient_normal: 0.2,
             drag_coefficient_tangential: 0.02,
-            tip_drag_area_m2: 0.008,
+            tip_drag_area_m2: 0.001,
+            axial_damping_n_s_m: 0.1,
             max_growth_rate_m_s: 0.02,
             growth_time_constant_s: 0.1,
             length_range_m: [0.45, 1.2],
             corners: Corners {
                 empty_short: Beam {
-                    stiffness_n_m2: 0.05,
-                    damping_n_m2_s: 0.008,
-                    collapse_moment_n_m: 10.0,
+                    stiffness_n_m2: 0.0309,
+                    damping_n_m2_s: 0.0107,
+                    collapse_moment_n_m: 0.142,
+                    slack_m_n: 0.0296,
+                    stretch_m_n: 0.00124,
                 },
                 inflated_short: Beam {
-                    stiffness_n_m2: 0.06,
-                    damping_n_m2_s: 0.005,
+                    stiffness_n_m2: 0.0496,
+                    damping_n_m2_s: 0.00807,
                     collapse_moment_n_m: 10.0,
+                    slack_m_n: 0.0897,
+                    stretch_m_n: 0.0139,
                 },
                 empty_long: Beam {
-                    stiffness_n_m2: 0.04,
-                    damping_n_m2_s: 0.03,
-                    collapse_moment_n_m: 10.0,
+                    stiffness_n_m2: 0.0155,
+                    damping_n_m2_s: 0.0428,
+                    collapse_moment_n_m: 2.74,
+                    slack_m_n: 0.281,
+                    stretch_m_n: 0.00115,
                 },
                 inflated_long: Beam {
-                    stiffness_n_m2: 0.04,
-                    damping_n_m2_s: 0.02,
-                    collapse_moment_n_m: 10.0,
+                    stiffness_n_m2: 0.003,
+                    damping_n_m2_s: 0.0222,
+                    collapse_moment_n_m: 7.3,
+                    slack_m_n: 0.0651,
+                    stretch_m_n: 0.001,
                 },
             },
         }
@@ -217,6 +232,8 @@ impl Corners {
             stiffness_n_m2: blend(|beam| beam.stiffness_n_m2),
             damping_n_m2_s: blend(|beam| beam.damping_n_m2_s),
             collapse_moment_n_m: blend(|beam| beam.collapse_moment_n_m),
+            slack_m_n: blend(|beam| beam.slack_m_n),
+            stretch_m_n: blend(|beam| beam.stretch_m_n),
         }
     }
 }
@@ -427,6 +444,13 @@ impl ArmParameters {
             "",
         )?;
         check.range("tip_drag_area_m2", self.tip_drag_area_m2, 0.0, 1.0, "m²")?;
+        check.range(
+            "axial_damping_n_s_m",
+            self.axial_damping_n_s_m,
+            0.0,
+            1000.0,
+            "N s/m",
+        )?;
         check.range("max_growth_rate_m_s", self.max_growth_rate_m_s, 0.0, 0.5, "m/s")?;
         check.range(
             "growth_time_constant_s",
@@ -466,6 +490,8 @@ impl ArmParameters {
                 1e6,
                 "N m",
             )?;
+            check.range(&format!("{name}.slack_m_n"), beam.slack_m_n, 1e-5, 1.0, "m/N")?;
+            check.range(&format!("{name}.stretch_m_n"), beam.stretch_m_n, 1e-5, 1.0, "m/N")?;
         }
         Ok(())
     }

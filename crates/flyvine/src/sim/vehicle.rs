@@ -3,7 +3,7 @@
 use super::autopilot::mixer::Mixer;
 use super::autopilot::position::ThrustModel;
 use super::autopilot::{Autopilot, Estimate};
-use super::chain::{Base, Chain, ChainState, Growth, Joint, Link, Load, Tip};
+use super::chain::{Base, Chain, ChainState, Growth, Joint, Link, Load, Slider, Tip};
 use super::integrator::{LinearlyImplicit, STAGE};
 use super::mocap::{Mocap, MocapFaults, pose};
 use super::parameters::{ParameterError, VehicleParameters};
@@ -133,6 +133,11 @@ impl SimulatedVehicle {
         self.tick as f64 * self.parameters.autopilot.rate_period_s
     }
 
+    /// Positions of quadrotor and end effector without noise, m.
+    pub fn positions(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.state.position, self.chain.end_effector(&self.state))
+    }
+
     /// The vehicle without noise.
     pub fn truth(&self) -> Truth {
         let mut nodes = Vec::with_capacity(self.chain.links.len() + 1);
@@ -178,6 +183,11 @@ impl SimulatedVehicle {
         self.pending.clear();
         self.command = START;
         self.tick = 0;
+        self.update_chain();
+        // A payload stretches the tube at rest.
+        if let Some(slider) = &self.chain.tip.slider {
+            self.state.extension = self.parameters.payload.tip_mass_kg * GRAVITY / slider.stretch_stiffness;
+        }
         if !self.parameters.wind.is_calm() {
             let ticks = (SETTLING_S / self.parameters.autopilot.rate_period_s).round() as u64;
             for _ in 0..ticks {
@@ -185,7 +195,6 @@ impl SimulatedVehicle {
             }
             self.tick = 0;
         }
-        self.update_chain();
     }
 
     /// One period of the rate loop.
@@ -313,8 +322,14 @@ impl SimulatedVehicle {
             damping: 2.0 * joint.damping,
             ..joint
         };
-        self.chain.tip.mass_kg =
-            arm.tip_mass_kg - arm.linear_density_kg_m * tube + self.parameters.payload.tip_mass_kg;
+        let tip_mass = arm.tip_mass_kg - arm.linear_density_kg_m * tube;
+        self.chain.tip.mass_kg = tip_mass + self.parameters.payload.tip_mass_kg;
+        self.chain.tip.slider = Some(Slider {
+            rest_force: tip_mass * GRAVITY,
+            slack_stiffness: 1.0 / beam.slack_m_n,
+            stretch_stiffness: 1.0 / beam.stretch_m_n,
+            damping: arm.axial_damping_n_s_m,
+        });
         self.chain.growth.link_rate = self.arm.rate_m_s / links;
         self.chain.growth.link_acceleration = self.arm.acceleration_m_s2 / links;
     }
@@ -390,6 +405,7 @@ fn empty_chain(parameters: &VehicleParameters) -> Chain {
             inertia_transverse_kg_m2: arm.tip_inertia_transverse_kg_m2,
             inertia_axial_kg_m2: arm.tip_inertia_axial_kg_m2,
             drag: 0.5 * AIR_DENSITY * arm.tip_drag_area_m2,
+            slider: None,
         },
         growth: Growth {
             linear_density: arm.linear_density_kg_m,

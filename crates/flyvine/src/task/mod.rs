@@ -9,7 +9,7 @@ mod command_reference;
 mod file;
 mod lemniscate;
 mod path;
-// mod plan;
+mod plan;
 mod problem;
 mod reference;
 mod swing;
@@ -21,9 +21,13 @@ pub use file::{
     Bounds, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint, Waypoints,
     Weights,
 };
+pub use plan::{
+    CommandReferenceSummary, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance, SolveSummary,
+    make_plan, read_plan, write_plan, write_plan_csv,
+};
 pub use problem::pose_problem;
 pub use reference::Reference;
-pub use training::{TrainingFlight, training_flights};
+pub use training::{TrainingFlight, test_flight, training_flights};
 
 /// Height at which the quadrotor hovers when a flight starts, m.
 pub const HOVER_HEIGHT_M: f64 = 1.5;

@@ -163,18 +163,33 @@ pub enum PlanError {
 /// converge is reported in [`Plan::solve`], with the best commands found.
 pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan, PlanError> {
     let named = || task.name.clone();
-    let model_error = |source| PlanError::Model { task: named(), source };
+    let model_error = |source| PlanError::Model {
+        task: named(),
+        source,
+    };
     let reference = task.reference();
     let dynamics = bank.scheduled(&reference.configurations).map_err(model_error)?;
     if dynamics.command_len() != 3 {
-        return Err(PlanError::Inputs { task: named(), found: dynamics.command_len() });
+        return Err(PlanError::Inputs {
+            task: named(),
+            found: dynamics.command_len(),
+        });
     }
     let first = dynamics.at_knot(0);
     let start = first.rest_state(task.configuration);
     let command_reference = CommandReference::build(task, &reference, &dynamics, &start);
-    let problem = pose_problem(task, &reference, &command_reference.commands, &start, first.lags());
-    let mut solver = Solver::new(&problem, &dynamics, options.solver.clone())
-        .map_err(|source| PlanError::Problem { task: named(), source })?;
+    let problem = pose_problem(
+        task,
+        &reference,
+        &command_reference.commands,
+        &start,
+        first.lags(),
+    );
+    let mut solver =
+        Solver::new(&problem, &dynamics, options.solver.clone()).map_err(|source| PlanError::Problem {
+            task: named(),
+            source,
+        })?;
     let solution = solver.solve();
 
     let state_len = start.len();
@@ -183,7 +198,11 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
         schema: SCHEMA.to_owned(),
         schema_version: PLAN_SCHEMA_VERSION,
         task: task.clone(),
-        commands: solution.commands.chunks_exact(3).map(|u| [u[0], u[1], u[2]]).collect(),
+        commands: solution
+            .commands
+            .chunks_exact(3)
+            .map(|u| [u[0], u[1], u[2]])
+            .collect(),
         states: rows(&solution.states, state_len),
         gains: rows(&solution.gains, 3 * state_len),
         command_reference: CommandReferenceSummary {
@@ -203,7 +222,12 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
     })
 }
 
-fn summarize(solution: &Solution, problem: &Problem, reference: &Reference, options: &PlanOptions) -> SolveSummary {
+fn summarize(
+    solution: &Solution,
+    problem: &Problem,
+    reference: &Reference,
+    options: &PlanOptions,
+) -> SolveSummary {
     let violated = solution
         .diagnosis(options.solver.violation_tolerance)
         .iter()
@@ -216,13 +240,23 @@ fn summarize(solution: &Solution, problem: &Problem, reference: &Reference, opti
                     format!("in [{}, {}]", bound.lower, bound.upper)
                 }
             };
-            format!("{signal} {bound} at knot {}: off by {:.3e}", worst.knot, worst.violation)
+            format!(
+                "{signal} {bound} at knot {}: off by {:.3e}",
+                worst.knot, worst.violation
+            )
         })
         .collect();
     let state_len = problem.start.len();
-    let distances = solution.states.chunks_exact(state_len).zip(&reference.end_effector).map(|(state, target)| {
-        (0..3).map(|axis| (state[6 + axis] - target[axis]).powi(2)).sum::<f64>().sqrt()
-    });
+    let distances = solution
+        .states
+        .chunks_exact(state_len)
+        .zip(&reference.end_effector)
+        .map(|(state, target)| {
+            (0..3)
+                .map(|axis| (state[6 + axis] - target[axis]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        });
     SolveSummary {
         status: solution.status.name().to_owned(),
         converged: solution.status == Status::Converged,
@@ -291,19 +325,31 @@ impl Plan {
         }
         let state_len = self.states[0].len();
         if state_len < SIGNALS.len() || self.states.iter().any(|state| state.len() != state_len) {
-            return Err(format!("states: expected rows of one length, at least {}", SIGNALS.len()));
+            return Err(format!(
+                "states: expected rows of one length, at least {}",
+                SIGNALS.len()
+            ));
         }
         if self.gains.iter().any(|gain| gain.len() != 3 * state_len) {
             return Err(format!("gains: expected rows of {} entries", 3 * state_len));
         }
         let rows = [("commands", &self.commands), ("reference", &self.reference)];
         for (field, values) in rows {
-            if let Some(knot) = values.iter().position(|row| row.iter().any(|value| !value.is_finite())) {
-                return Err(format!("{field}[{knot}]: found {:?}, expected finite numbers", values[knot]));
+            if let Some(knot) = values
+                .iter()
+                .position(|row| row.iter().any(|value| !value.is_finite()))
+            {
+                return Err(format!(
+                    "{field}[{knot}]: found {:?}, expected finite numbers",
+                    values[knot]
+                ));
             }
         }
         for (field, values) in [("states", &self.states), ("gains", &self.gains)] {
-            if let Some(knot) = values.iter().position(|row| row.iter().any(|value| !value.is_finite())) {
+            if let Some(knot) = values
+                .iter()
+                .position(|row| row.iter().any(|value| !value.is_finite()))
+            {
                 return Err(format!("{field}[{knot}]: expected finite numbers"));
             }
         }
@@ -318,10 +364,17 @@ impl Plan {
 /// wrong length, or numbers that are not finite.
 pub fn read_plan(path: &Path) -> Result<Plan, PlanError> {
     let named = || path.display().to_string();
-    let contents = std::fs::read(path).map_err(|source| PlanError::File { path: named(), source })?;
-    let format_error = |message| PlanError::Format { path: named(), message };
+    let contents = std::fs::read(path).map_err(|source| PlanError::File {
+        path: named(),
+        source,
+    })?;
+    let format_error = |message| PlanError::Format {
+        path: named(),
+        message,
+    };
     // The version decides how the rest is read, so it is looked at first.
-    let header: Header = serde_json::from_slice(&contents).map_err(|error| format_error(error.to_string()))?;
+    let header: Header =
+        serde_json::from_slice(&contents).map_err(|error| format_error(error.to_string()))?;
     header.validate().map_err(format_error)?;
     let plan: Plan = serde_json::from_slice(&contents).map_err(|error| format_error(error.to_string()))?;
     plan.validate().map_err(format_error)?;
@@ -333,7 +386,10 @@ pub fn read_plan(path: &Path) -> Result<Plan, PlanError> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_plan(path: &Path, plan: &Plan) -> Result<(), PlanError> {
-    let file_error = |source| PlanError::File { path: path.display().to_string(), source };
+    let file_error = |source| PlanError::File {
+        path: path.display().to_string(),
+        source,
+    };
     let contents = serde_json::to_vec(plan).map_err(|error| file_error(error.into()))?;
     write_whole(path, &contents).map_err(file_error)
 }
@@ -347,9 +403,14 @@ pub fn write_plan_csv(path: &Path, plan: &Plan) -> Result<(), PlanError> {
     let mut text = String::from("t_s,cmd_x,cmd_y,cmd_z,length_m,pressure_kpa\n");
     for (knot, configuration) in plan.configurations.iter().enumerate() {
         let [x, y, z] = plan.commands[knot.min(plan.commands.len() - 1)];
-        let Configuration { length_m, pressure_kpa } = configuration;
+        let Configuration {
+            length_m,
+            pressure_kpa,
+        } = configuration;
         text += &format!("{:.2},{x},{y},{z},{length_m},{pressure_kpa}\n", knot as f64 * DT);
     }
-    write_whole(path, text.as_bytes())
-        .map_err(|source| PlanError::File { path: path.display().to_string(), source })
+    write_whole(path, text.as_bytes()).map_err(|source| PlanError::File {
+        path: path.display().to_string(),
+        source,
+    })
 }

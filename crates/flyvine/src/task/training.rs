@@ -50,6 +50,19 @@ pub fn training_flights(seed: u64) -> Vec<TrainingFlight> {
     ]
 }
 
+/// A flight to judge models with: swings and steps that no training flight contains.
+pub fn test_flight(seed: u64) -> TrainingFlight {
+    // Training takes the stream 0 of a seed; the test flight another one of the same seed.
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(1);
+    let mut commands = swings(&mut random);
+    commands.extend(random_steps(&mut random));
+    TrainingFlight {
+        name: "test_mixed",
+        commands,
+    }
+}
+
 /// `f(t)` every DT over `duration_s`.
 fn sample(duration_s: f64, f: impl Fn(f64) -> [f64; 3]) -> Vec<[f64; 3]> {
     (0..(duration_s / DT).round() as usize)
@@ -164,9 +177,14 @@ mod tests {
         let flights = training_flights(3);
         assert_eq!(flights, training_flights(3));
         assert_ne!(flights, training_flights(4));
-        for flight in flights {
+        assert!(
+            flights
+                .iter()
+                .all(|flight| flight.commands != test_flight(3).commands)
+        );
+        for flight in flights.into_iter().chain([test_flight(3)]) {
             assert!(
-                (30.0..90.0).contains(&(flight.commands.len() as f64 * DT)),
+                (30.0..120.0).contains(&(flight.commands.len() as f64 * DT)),
                 "{}",
                 flight.name
             );

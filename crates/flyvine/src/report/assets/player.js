@@ -39,6 +39,8 @@
     const errors = (to) => experiment.tip.map((p, k) => p && to[k] && 100 * Math.hypot(...p.map((v, i) => v - to[k][i])));
     experiment.toReference = errors(experiment.reference);
     experiment.toPrediction = errors(experiment.predicted);
+    // A swing's reference only shapes the cost; what it should do is what was predicted.
+    experiment.followed = raw.kind === "swing" ? "prediction" : "reference";
     return experiment;
   }
 
@@ -87,7 +89,7 @@
   // The error over time, right above the scrubber and as wide.
   function drawErrors() {
     const e = state.experiment;
-    const ours = e.kind === "lemniscate" || e.kind === "waypoints" ? e.toReference : e.toPrediction;
+    const ours = e.followed === "reference" ? e.toReference : e.toPrediction;
     const largest = Math.max(1, ...ours.filter((v) => v !== null));
     const x = (k) => (1000 * k) / Math.max(e.rows - 1, 1);
     let data = "";
@@ -99,8 +101,7 @@
     find("errors").setAttribute("d", data);
     find("errors").setAttribute("stroke", e.color);
     find("target-mark").setAttribute("d", e.target ? `M${x(e.targetKnot).toFixed(1)} 0V64` : "");
-    const to = ours === e.toReference ? "reference" : "prediction";
-    find("errors-label").textContent = `end effector to ${to}, up to ${largest.toFixed(1)} cm`;
+    find("errors-label").textContent = `Distance of the end effector to the ${e.followed}, up to ${largest.toFixed(1)} cm`;
   }
 
   function play(playing) {
@@ -195,8 +196,9 @@
     End: () => seek(state.experiment.rows - 1),
   };
   document.addEventListener("keydown", (event) => {
-    const busy = event.target.closest("select, textarea, a, button, input:not([type=range])");
-    if (!visible || busy || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
+    const typing = event.target.closest("select, textarea, input:not([type=range], [type=checkbox])");
+    const pressing = event.key === " " && event.target.closest("a, button, summary, [type=checkbox]");
+    if (!visible || typing || pressing || event.ctrlKey || event.altKey || event.metaKey || !keys[event.key]) return;
     event.preventDefault();
     keys[event.key](event);
   });

@@ -2,12 +2,14 @@
 // The 3-D scene of the replay: room, vehicle, paths. World frame ENU, z up, metres.
 // It draws one experiment at one (fractional) row; what to draw and when is player.js's business.
 
+const BACKGROUND = "#eef2f5";
+
 class ReplayScene {
   constructor(canvas, onViewChanged) {
     this.canvas = canvas;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    this.renderer.setClearColor("#eef2f5");
+    this.renderer.setClearColor(BACKGROUND);
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.scene = new THREE.Scene();
@@ -34,9 +36,10 @@ class ReplayScene {
     this.scene.add(this.arm, this.tip, this.command);
 
     this.layers = {
-      reference: this.addLine({ color: "#1f2933", linewidth: 1.6, dashed: true, dashSize: 0.05, gapSize: 0.035 }),
+      reference: this.addLine({ color: "#1f2933", linewidth: 1.5 }),
       prediction: this.addLine({ color: "#8a5a00", linewidth: 1.6 }),
-      path: this.addLine({ linewidth: 2, transparent: true, opacity: 0.3 }),
+      // Pushed back, so that the trail on it stays clean.
+      path: this.addLine({ linewidth: 2, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 40 }),
       trail: this.addLine({ linewidth: 4.5 }),
       error: this.addLine({ color: "#c62828", linewidth: 2 }),
     };
@@ -58,7 +61,7 @@ class ReplayScene {
 
   // Ground with lines every 0.5 m (bolder every metre), axis arrows and metre marks.
   addRoom() {
-    const reach = 3;
+    const reach = 2.5;
     const shadow = new THREE.Mesh(
       new THREE.PlaneGeometry(2 * reach, 2 * reach),
       new THREE.ShadowMaterial({ opacity: 0.22 }),
@@ -85,22 +88,22 @@ class ReplayScene {
     ];
     const origin = new THREE.Group();
     for (const [name, direction, color] of axes) {
-      const end = direction.map((v) => 0.45 * v);
+      const end = direction.map((v) => 0.3 * v);
       const line = this.makeLine({ color, linewidth: 3 });
       writeLine(line, [[0, 0, 0], end]);
       origin.add(line);
-      const label = buildLabel(name, color, 0.15);
-      label.position.set(...direction.map((v) => 0.62 * v));
+      const label = buildLabel(name, color, 0.1);
+      label.position.set(...direction.map((v) => 0.42 * v));
       origin.add(label);
     }
-    origin.position.set(-2.5, -2.5, 0.004);
+    origin.position.set(0, 0, 0.004);
     this.scene.add(origin);
     for (const metre of [-2, -1, 0, 1, 2]) {
       const text = `${metre} m`.replace("-", "\u2212");
       const alongX = buildLabel(text, "#6b7780", 0.12);
-      alongX.position.set(metre, -reach - 0.16, 0);
+      alongX.position.set(metre, reach + 0.14, 0);
       const alongY = buildLabel(text, "#6b7780", 0.12);
-      alongY.position.set(reach + 0.2, metre, 0);
+      alongY.position.set(reach + 0.1, metre, 0);
       this.scene.add(alongX, alongY);
     }
   }
@@ -122,7 +125,7 @@ class ReplayScene {
     this.experiment = experiment;
     this.armMaterial.color.set(experiment.color).lerp(new THREE.Color("#ffffff"), 0.45);
     this.tipMaterial.color.set(experiment.color);
-    this.layers.path.material.color.set(experiment.color);
+    this.layers.path.material.color.set(experiment.color).lerp(new THREE.Color(BACKGROUND), 0.65);
     this.layers.trail.material.color.set(experiment.color);
     writeLine(this.layers.reference, experiment.reference);
     writeLine(this.layers.prediction, experiment.predicted);
@@ -190,7 +193,8 @@ class ReplayScene {
     const trail = e.tip.slice(Math.max(0, k - length), k + 1).filter(Boolean);
     if (tip) trail.push(tip);
     writeLine(this.layers.trail, trail);
-    writeLine(this.layers.error, tip && this.showsError ? [tip, between(e.reference, k, next, f)] : []);
+    const followed = e.followed === "reference" ? e.reference : e.predicted;
+    writeLine(this.layers.error, tip ? [tip, between(followed, k, next, f)] : []);
   }
 
   // The arm's centre line: as the vehicle reported it, or else a cantilever's: leaving along the body's
@@ -214,16 +218,15 @@ class ReplayScene {
   }
 
   setLayer(name, visible) {
-    if (name === "error") this.showsError = visible;
     this.layers[name].visible = visible;
     if (name === "trail") this.layers.path.visible = visible;
   }
 
   setView(name) {
     const views = {
-      orbit: [[2.9, -4.6, 2.9], [0, 0, 0.85]],
-      side: [[0.2, -6.2, 1.15], [0.2, 0, 1.05]],
-      top: [[0, -0.01, 7.4], [0, 0, 0.8]],
+      orbit: [[2.3, -3.9, 2.35], [0, 0, 0.78]],
+      side: [[0.3, -5.0, 1.15], [0.3, 0, 1.05]],
+      top: [[0, -0.01, 6.4], [0, 0, 0.8]],
     };
     this.following = name === "follow";
     if (this.following) {
@@ -269,21 +272,20 @@ function between(positions, k, next, f) {
   return a && b ? mix(a, b, f) : a || b;
 }
 
-// Fills a Line2, growing its buffers only when it must.
+// Fills a Line2, replacing its buffers only when they are too short.
 function writeLine(line, points) {
   const segments = Math.max(points.length - 1, 0);
-  const start = line.geometry.attributes.instanceStart;
-  if (!start || start.count < segments) {
+  const buffer = line.geometry.attributes.instanceStart;
+  if (!buffer || buffer.count < segments) {
+    const spare = Array(Math.max(64 - points.length, 0)).fill(points[points.length - 1] || [0, 0, 0]);
     line.geometry.dispose();
     line.geometry = new THREE.LineGeometry();
-    line.geometry.setPositions(points.flat());
+    line.geometry.setPositions([...points, ...spare].flat());
   } else {
-    const { array } = start.data;
-    for (let i = 0; i < segments; i++) array.set([...points[i], ...points[i + 1]], 6 * i);
-    start.data.needsUpdate = true;
+    for (let i = 0; i < segments; i++) buffer.data.array.set([...points[i], ...points[i + 1]], 6 * i);
+    buffer.data.needsUpdate = true;
   }
   line.geometry.instanceCount = segments;
-  if (line.material.dashed && segments > 0) line.computeLineDistances();
 }
 
 // An X quadrotor, 0.36 m from motor to motor; the orange arms point forward (+x of the body).
@@ -340,7 +342,9 @@ function buildLabel(text, color, height) {
   context.fillStyle = color;
   context.textBaseline = "middle";
   context.fillText(text, 6, 32);
-  const material = new THREE.SpriteMaterial({ map: new THREE.CanvasTexture(canvas), depthTest: false });
+  const map = new THREE.CanvasTexture(canvas);
+  map.colorSpace = THREE.SRGBColorSpace;
+  const material = new THREE.SpriteMaterial({ map, depthTest: false });
   const label = new THREE.Sprite(material);
   label.scale.set((height * canvas.width) / canvas.height, height, 1);
   return label;

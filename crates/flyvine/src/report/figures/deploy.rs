@@ -38,21 +38,38 @@ pub fn figure(experiment: &Experiment, palette: &Palette) -> Figure {
             .flatten()
             .map(|p| p[1]);
         let references = experiment.reference.iter().map(|p| p[axis]);
+        let measured = |signal| {
+            let curve = if as_in_paper {
+                paper::deploy(axis, signal)
+            } else {
+                None
+            };
+            curve
+                .unwrap_or_default()
+                .iter()
+                .map(|&[t, value]| [t - paper::DEPLOY_LEAD_S, value])
+        };
+        let papers = measured(Signal::Quadrotor)
+            .chain(measured(Signal::EndEffector))
+            .filter(|p| p[0] >= 0.0)
+            .map(|p| p[1]);
         let time = Axis::linear(if axis == 2 { "t (s)" } else { "" }, 0.0, last_s);
-        let y = Axis::around(&format!("{letter} (m)"), values.chain(references), 0.4);
+        let y = Axis::around(
+            &format!("{letter} (m)"),
+            values.chain(references).chain(papers),
+            0.4,
+        );
         let size = [WIDTH - LEFT_ROOM - 16.0, PANEL_HEIGHT];
         let panel = Panel::draw(&mut canvas, [LEFT_ROOM, top], size, letter, time, y);
         let bodies = [(Signal::Quadrotor, QUADROTOR), (Signal::EndEffector, color)];
-        if as_in_paper {
-            for (signal, color) in bodies {
-                let points: Vec<[f64; 2]> = paper::deploy(axis, signal)
-                    .unwrap_or_default()
-                    .iter()
-                    .map(|p| [p[0] - paper::DEPLOY_LEAD_S, p[1]])
-                    .collect();
-                let name = format!("{}, paper", signal.name());
-                panel.curve(&mut canvas, &name, &points, style::measured(color));
-            }
+        for (signal, color) in bodies {
+            let points: Vec<[f64; 2]> = measured(signal).collect();
+            panel.curve(
+                &mut canvas,
+                &format!("{}, paper", signal.name()),
+                &points,
+                style::measured(color),
+            );
         }
         let reference = knots_over_time(&experiment.reference, axis);
         panel.curve(&mut canvas, "reference", &reference, style::REFERENCE);

@@ -68,7 +68,7 @@ pub fn figure(experiments: &[Experiment], palette: &Palette) -> Option<Figure> {
         }
         canvas.text(
             [left - 10.0, middle + 4.0],
-            &experiment.name,
+            &experiment.title(),
             text(12.5, "#1f2933", Anchor::End),
         );
     }

@@ -89,10 +89,10 @@ pub fn figure(experiments: &[&Experiment], palette: &Palette) -> Option<Figure> 
     Some(Figure {
         name: "lemniscates".into(),
         title: "Lemniscates".into(),
-        caption: "Paths in the horizontal plane: quadrotor above, end effector below; slow left, fast right. \
-                  Thin lines are this run, wide pale lines the paper's hardware flights (its Fig. of the 2 × 2 \
-                  lemniscates)."
-            .into(),
+        caption:
+            "Paths in the horizontal plane: quadrotor above, end effector below; slow left, fast right. \
+                  Thin lines are this run, wide pale lines the paper's hardware flights."
+                .into(),
         svg: canvas.finish("Lemniscate paths of quadrotor and end effector"),
     })
 }

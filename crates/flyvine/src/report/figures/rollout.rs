@@ -38,7 +38,7 @@ pub fn figure(rollouts: &[FlightRollout], palette: &Palette) -> Option<Figure> {
     let y = Axis::log_around("mean end-effector error (cm)", all.iter().map(|p| p[1]));
 
     let legend = style::configuration_entries(palette, rollouts.iter().map(|r| r.label.as_str()));
-    let legend_height = 52.0;
+    let legend_height = 34.0;
     let mut canvas = Canvas::new(
         "rollouts",
         WIDTH,

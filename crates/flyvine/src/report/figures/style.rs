@@ -11,12 +11,12 @@ pub const REFERENCE: Stroke = Stroke::solid("#1f2933", 1.3).dashed();
 /// Colour of limits.
 pub const LIMIT: Stroke = Stroke::solid("#6b7780", 1.3).dashed();
 /// Opacity of the paper's curves.
-const HALO_OPACITY: f64 = 0.28;
+const HALO_OPACITY: f64 = 0.3;
 
 /// Okabe and Ito's palette, distinguishable with any colour vision.
 const CORNERS: [&str; 4] = ["#0072B2", "#D55E00", "#009E73", "#B5519C"];
 /// Colours of configurations that are not corners.
-const OTHERS: [&str; 5] = ["#7A6A00", "#3A9BD1", "#5D4E8C", "#8C4A2F", "#4F5B66"];
+const OTHERS: [&str; 5] = ["#5B4BB7", "#8A6D00", "#1B8A99", "#8C4A2F", "#4F5B66"];
 
 /// The colour of each configuration.
 pub struct Palette(BTreeMap<String, &'static str>);
@@ -51,7 +51,7 @@ pub fn flown(color: &'static str) -> Stroke {
 
 /// The paper's measured curve behind ours.
 pub fn measured(color: &'static str) -> Stroke {
-    Stroke::solid(color, 4.5).faint(HALO_OPACITY)
+    Stroke::solid(color, 4.0).faint(HALO_OPACITY)
 }
 
 /// A legend entry.

@@ -231,7 +231,8 @@ impl Canvas {
                 r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" "#,
                 r#"height="{height}" role="img" aria-labelledby="{name}-title" font-family="{fonts}" "#,
                 r#"fill="none" stroke-linecap="round" stroke-linejoin="round">"#,
-                "\n<title id=\"{name}-title\">{title}</title>\n{body}</svg>\n"
+                "\n<title id=\"{name}-title\">{title}</title>\n",
+                "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n{body}</svg>\n"
             ),
             width = Px(width),
             height = Px(height),

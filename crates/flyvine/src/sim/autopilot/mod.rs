@@ -37,7 +37,7 @@ pub struct AutopilotParameters {
 impl Default for AutopilotParameters {
     fn default() -> Self {
         AutopilotParameters {
-            command_delay_s: 0.03,
+            command_delay_s: 0.0437,
             rate_period_s: 0.0025,
             attitude_divider: 1,
             position_divider: 4,

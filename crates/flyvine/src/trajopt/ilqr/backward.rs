@@ -14,7 +14,8 @@ use super::adjoint::{Adjoint, add_transpose_step};
 use super::command_box::{self, Hold, NotPositiveDefinite};
 use super::expansion::Expansion;
 use super::riccati::Riccati;
-use super::{Shape, Trajectory, kernel};
+use super::{Shape, Trajectory};
+use crate::kernel;
 
 /// Which second derivatives enter the Hessian.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,8 +57,6 @@ pub struct Policy {
     factors: Vec<f64>,
     /// (N−1) × m.
     holds: Vec<Hold>,
-    /// The Jacobians that the factorization was made with, (N−1) × fresh × stride.
-    jacobians: Vec<f64>,
     /// `Σ h_kᵀ d_k`: slope of the merit along the step.
     pub slope: f64,
     /// `½ Σ d_kᵀ Q_uu d_k`.
@@ -73,7 +72,8 @@ struct Scratch {
     lower: Vec<f64>,
     upper: Vec<f64>,
     gradient: Vec<f64>,
-    column: Vec<f64>,
+    /// m × m.
+    inverse: Vec<f64>,
     /// (n + m) × (n + m).
     curvature: Vec<f64>,
 }
@@ -89,7 +89,6 @@ impl Policy {
             hessians: vec![0.0; steps * m * m],
             factors: vec![0.0; steps * m * m],
             holds: vec![Hold::Free; steps * m],
-            jacobians: vec![0.0; steps * shape.fresh * stride],
             slope: 0.0,
             quadratic: 0.0,
             riccati: Riccati::new(shape),
@@ -98,7 +97,7 @@ impl Policy {
                 lower: vec![0.0; m],
                 upper: vec![0.0; m],
                 gradient: vec![0.0; m],
-                column: vec![0.0; m],
+                inverse: vec![0.0; m * m],
                 curvature: vec![0.0; shape.width() * shape.width()],
             },
         }
@@ -130,8 +129,7 @@ impl Policy {
         self.begin();
         self.riccati.start(expansion.diagonal(last));
         for knot in (0..last).rev() {
-            let jacobian = expansion.jacobian(knot);
-            self.jacobians[knot * fresh * stride..][..fresh * stride].copy_from_slice(jacobian);
+            let jacobian = trajectory.jacobian(knot);
             self.riccati.copy_shifted(expansion.diagonal(knot));
             if convexification.curvature {
                 let fresh_costate = &adjoint.costate(knot + 1)[..fresh];
@@ -159,7 +157,7 @@ impl Policy {
         Ok(())
     }
 
-    /// Computes the step with the last factorization.
+    /// Computes the step with the last factorization, though at the current expansion.
     pub fn reuse(
         &mut self,
         problem: &Problem,
@@ -196,11 +194,7 @@ impl Policy {
     /// Bounds on d_k, and h_k = g_k + B_kᵀ p_{k+1}; turns p_{k+1} into `(A_kᵀ p_{k+1}, h_k)`.
     fn prepare_box(&mut self, problem: &Problem, trajectory: &Trajectory, adjoint: &Adjoint, knot: usize) {
         let Shape {
-            state: n,
-            command: m,
-            fresh,
-            stride,
-            ..
+            state: n, command: m, ..
         } = self.shape;
         let Scratch {
             costate_change: [next, now],
@@ -211,12 +205,7 @@ impl Policy {
         } = &mut self.scratch;
         now.fill(0.0);
         now[n..n + m].copy_from_slice(adjoint.gradient(knot));
-        add_transpose_step(
-            self.shape,
-            &self.jacobians[knot * fresh * stride..][..fresh * stride],
-            next,
-            now,
-        );
+        add_transpose_step(self.shape, trajectory.jacobian(knot), next, now);
         gradient.copy_from_slice(&now[n..n + m]);
         for (j, &u) in trajectory.command(knot).iter().enumerate() {
             lower[j] = problem.command_lower[j] - u;
@@ -233,7 +222,9 @@ impl Policy {
             gradient,
             ..
         } = &self.scratch;
-        self.holds[vector.clone()].fill(Hold::Free);
+        for (j, hold) in self.holds[vector.clone()].iter_mut().enumerate() {
+            *hold = command_box::initial_hold(lower[j], upper[j], gradient[j]);
+        }
         command_box::minimize(
             &self.hessians[matrix.clone()],
             gradient,
@@ -266,29 +257,15 @@ impl Policy {
     /// `K = −Q_uu⁻¹ Q_uz` on the free commands, 0 on the held ones.
     fn feedback(&mut self, knot: usize) {
         let Shape {
-            state: n,
-            command: m,
-            stride,
-            ..
+            command: m, stride, ..
         } = self.shape;
-        let gain = &mut self.gains[knot * m * stride..][..m * stride];
-        let cross = &self.cross[knot * m * stride..][..m * stride];
         let factor = &self.factors[knot * m * m..][..m * m];
-        let holds = &self.holds[knot * m..][..m];
-        let column = &mut self.scratch.column;
-        for i in 0..n {
-            for j in 0..m {
-                column[j] = if holds[j] == Hold::Free {
-                    -cross[j * stride + i]
-                } else {
-                    0.0
-                };
-            }
-            command_box::solve(factor, column);
-            for j in 0..m {
-                gain[j * stride + i] = column[j];
-            }
-        }
+        let inverse = &mut self.scratch.inverse;
+        command_box::negative_inverse(factor, &self.holds[knot * m..][..m], inverse);
+        let rows = knot * m * stride..(knot + 1) * m * stride;
+        let gain = &mut self.gains[rows.clone()];
+        gain.fill(0.0);
+        kernel::add_product(inverse, m, &self.cross[rows], stride, gain);
     }
 
     /// Adds `Q_zu d_k` to p_k and accounts for the step's predicted decrease.

@@ -12,6 +12,18 @@ pub enum Hold {
     Upper,
 }
 
+/// Where to begin: held if the command is on a bound already and wants to leave the box. (From all free, a Hessian
+/// that is indefinite only in held directions would be refused.)
+pub fn initial_hold(lower: f64, upper: f64, gradient: f64) -> Hold {
+    if lower >= 0.0 && gradient > 0.0 {
+        Hold::Lower
+    } else if upper <= 0.0 && gradient < 0.0 {
+        Hold::Upper
+    } else {
+        Hold::Free
+    }
+}
+
 /// `Q_uu` is not positive definite on the free commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
@@ -55,6 +67,17 @@ pub fn solve(factor: &[f64], x: &mut [f64]) {
     for i in (0..m).rev() {
         let sum: f64 = (i + 1..m).map(|j| factor[j * m + i] * x[j]).sum();
         x[i] = (x[i] - sum) / factor[i * m + i];
+    }
+}
+
+/// `−Q_uu⁻¹` (m × m, symmetric) on the free entries, zero on the held ones.
+pub fn negative_inverse(factor: &[f64], hold: &[Hold], inverse: &mut [f64]) {
+    for (j, column) in inverse.chunks_exact_mut(hold.len()).enumerate() {
+        column.fill(0.0);
+        if hold[j] == Hold::Free {
+            column[j] = -1.0;
+            solve(factor, column);
+        }
     }
 }
 

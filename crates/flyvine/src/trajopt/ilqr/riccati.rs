@@ -11,7 +11,8 @@
 //! 22 kflop instead of the 110 of dense matrices. Only upper triangles are computed and read, so P is symmetric by
 //! construction; an antisymmetric part would grow from knot to knot.
 
-use super::{Shape, kernel};
+use super::Shape;
+use crate::kernel;
 
 /// Value Hessian and scratch of the recursion.
 #[derive(Debug, Clone)]
@@ -152,7 +153,7 @@ mod tests {
     fn structured_sweep_equals_dense_sweep() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         for (n, fresh, m) in SHAPES {
-            let stride = (n + m).next_multiple_of(Shape::LANES);
+            let stride = kernel::padded(n + m);
             let shape = Shape {
                 knots: 2,
                 state: n,

@@ -28,6 +28,7 @@ export {
   PlaneGeometry,
   Quaternion,
   Scene,
+  SRGBColorSpace,
   ShadowMaterial,
   SphereGeometry,
   Sprite,

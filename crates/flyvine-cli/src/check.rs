@@ -1,0 +1,151 @@
+//! `flyvine check`: how far a bank may be trusted.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use flyvine::model::{Bank, CheckReport, Extrapolation, check};
+
+use crate::console::{centimetres, print, print_json, say, table};
+use crate::flights::{configuration_label, load_flights};
+use crate::outcome::{Blame, CommandResult, Outcome};
+
+/// Judge a bank on flights: one-step errors, and the end-effector error of whole rollouts.
+///
+/// A plan depends on what the model predicts 200 to 400 steps ahead, so the rollout's error is what counts: mean 3-D
+/// end-effector distance over windows of 0.5, 1, 2.5, 5 and 10 s. Exit code 3 if any rollout diverges.
+///
+///   flyvine check bank.json held-out.csv
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct CheckArguments {
+    /// The bank.
+    #[arg(value_name = "BANK.json")]
+    bank: PathBuf,
+    /// Recordings, best ones that the bank was not fitted on.
+    #[arg(required = true, value_name = "FLIGHT")]
+    flights: Vec<PathBuf>,
+    /// Also judge flights outside the configurations of the bank.
+    #[arg(long)]
+    extrapolate: bool,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `flyvine check`.
+pub fn run(arguments: &CheckArguments) -> CommandResult {
+    let extrapolation = if arguments.extrapolate {
+        Extrapolation::Allow
+    } else {
+        Extrapolation::Refuse
+    };
+    let bank = Bank::read(&arguments.bank)
+        .or_input()?
+        .with_extrapolation(extrapolation);
+    let flights = load_flights(&arguments.flights)?;
+    let report = check(&bank, &flights).or_input()?;
+    if arguments.json {
+        print_json(&report)?;
+    } else {
+        print(&one_step_table(&report))?;
+        print(&check_table(&report))?;
+        print(&model_table(&report))?;
+    }
+    let diverged = report
+        .flights
+        .iter()
+        .flat_map(|flight| &flight.rollout)
+        .any(|rollout| rollout.diverged_share > 0.0);
+    let extrapolated = flights
+        .iter()
+        .flat_map(|flight| &flight.samples)
+        .any(|row| !bank.covers(row.configuration));
+    for (found, what) in [
+        (diverged, "rollouts diverge"),
+        (extrapolated, "the bank was extrapolated"),
+    ] {
+        if found {
+            say(&format!("warning: {what}: do not trust plans made here"));
+        }
+    }
+    Ok(if diverged || extrapolated {
+        Outcome::Untrusted
+    } else {
+        Outcome::Done
+    })
+}
+
+/// Rollout errors, a row per flight.
+pub fn check_table(report: &CheckReport) -> String {
+    let mut header = vec![
+        "rollout error, cm: median | p95".to_owned(),
+        "configuration".to_owned(),
+    ];
+    if let Some(flight) = report.flights.first() {
+        header.extend(
+            flight
+                .rollout
+                .iter()
+                .map(|rollout| format!("{} s", rollout.horizon_s)),
+        );
+    }
+    header.push("worst".to_owned());
+    header.push("diverged".to_owned());
+    let length = |metres: Option<f64>| metres.map_or("–".to_owned(), centimetres);
+    let rows = report.flights.iter().map(|flight| {
+        let mut row = vec![
+            flight.path.clone(),
+            configuration_label(flight.configuration, flight.last_configuration),
+        ];
+        row.extend(
+            flight
+                .rollout
+                .iter()
+                .map(|r| format!("{} | {}", length(r.median_m), length(r.p95_m))),
+        );
+        row.push(length(
+            flight
+                .rollout
+                .iter()
+                .rev()
+                .find(|r| r.windows > 0)
+                .and_then(|r| r.worst_m),
+        ));
+        let diverged = flight
+            .rollout
+            .iter()
+            .map(|r| r.diverged_share)
+            .fold(0.0, f64::max);
+        row.push(format!("{:.0} %", 100.0 * diverged));
+        row
+    });
+    table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows)
+}
+
+fn one_step_table(report: &CheckReport) -> String {
+    let mut header = vec!["one-step RMSE (mm; attitude 1e-3)"];
+    header.extend(flyvine::flight::SIGNALS);
+    let rows = report.flights.iter().map(|flight| {
+        let value = |signal: &&str| {
+            flight
+                .one_step_rmse
+                .get(*signal)
+                .map_or("–".to_owned(), |v| format!("{:.2}", 1e3 * v))
+        };
+        std::iter::once(flight.path.clone())
+            .chain(flyvine::flight::SIGNALS.iter().map(value))
+            .collect()
+    });
+    table(&header, rows)
+}
+
+fn model_table(report: &CheckReport) -> String {
+    let rows = report.models.iter().map(|model| {
+        vec![
+            configuration_label(model.configuration, None),
+            format!("{:.4}", model.spectral_radius),
+            format!("{:.1e}", model.condition_number),
+        ]
+    });
+    table(&["model", "spectral radius", "condition number"], rows)
+}

@@ -1,0 +1,286 @@
+//! `flyvine demo`: the paper's whole experiment on the built-in vehicle.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use flyvine::control::supervisor::{Limits, Room};
+use flyvine::control::{End, OpenLoop, Trajectory, fly};
+use flyvine::flight::{Configuration, Flight, HygieneOptions, clean, write_flight};
+use flyvine::model::{Bank, FitOptions, check, fit_bank, rest_state};
+use flyvine::report::{RunSummary, Score};
+use flyvine::sim::{SimulatedVehicle, VehicleParameters};
+use flyvine::task::{
+    Motion, Plan, PlanOptions, Task, TrainingFlight, make_plan, test_flight, training_flights,
+};
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+
+use crate::check::check_table;
+use crate::console::{centimetres, print, progress, say, table};
+use crate::fit::{say_findings, write_json};
+use crate::flights::CORNERS;
+use crate::fly::{ControllerChoice, fly_plan};
+use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
+use crate::run_folder::{read_results, write_experiment, write_report};
+
+/// The tasks of the paper, as shipped in examples/tasks.
+const TASKS: [&str; 13] = [
+    include_str!("../../../examples/tasks/lemniscate_10s_ES.toml"),
+    include_str!("../../../examples/tasks/lemniscate_10s_IS.toml"),
+    include_str!("../../../examples/tasks/lemniscate_10s_EL.toml"),
+    include_str!("../../../examples/tasks/lemniscate_10s_IL.toml"),
+    include_str!("../../../examples/tasks/lemniscate_5s_ES.toml"),
+    include_str!("../../../examples/tasks/lemniscate_5s_IS.toml"),
+    include_str!("../../../examples/tasks/lemniscate_5s_EL.toml"),
+    include_str!("../../../examples/tasks/lemniscate_5s_IL.toml"),
+    include_str!("../../../examples/tasks/swing_ES.toml"),
+    include_str!("../../../examples/tasks/swing_IS.toml"),
+    include_str!("../../../examples/tasks/swing_EL.toml"),
+    include_str!("../../../examples/tasks/swing_IL.toml"),
+    include_str!("../../../examples/tasks/deploy_5s.toml"),
+];
+
+/// Do the paper's experiment on the built-in vehicle: train, fit, check, plan all 13 motions, fly them open loop, score
+/// them and write a report. Needs nothing, opens nothing, takes under a minute on two cores.
+#[derive(Args)]
+pub struct DemoArguments {
+    /// Run folder to write; it must not exist or be empty.
+    #[arg(long, value_name = "DIR", default_value = "run-demo")]
+    out: PathBuf,
+    /// Seed of everything random: the same seed makes the same files, bit for bit.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Runs `flyvine demo`.
+pub fn run(arguments: &DemoArguments) -> CommandResult {
+    let folder = arguments.out.as_path();
+    if folder.exists() && std::fs::read_dir(folder).or_input()?.next().is_some() {
+        return bad_input(format!(
+            "--out {}: the folder is not empty; nothing is overwritten",
+            folder.display()
+        ));
+    }
+    let seed = arguments.seed;
+    let recordings = fly_training(folder, seed)?;
+    let (bank, mut outcome) = identify(folder, &recordings)?;
+    let plans = plan_tasks(&bank)?;
+    let scores = fly_plans(folder, &plans, seed)?;
+
+    let summary = RunSummary {
+        title: "Flying vine: the paper's experiment on the simulated vehicle".to_owned(),
+        tool_version: env!("CARGO_PKG_VERSION").to_owned(),
+        vehicle: "built-in simulated vehicle".to_owned(),
+        controller: "open loop".to_owned(),
+        seed: Some(seed),
+        ..RunSummary::default()
+    };
+    write_json(&folder.join("run.json"), &summary)?;
+    say("writing the report …");
+    let page = write_report(folder, &read_results(folder)?)?;
+    print(&score_table(&plans, &scores))?;
+    print(&format!("report: {}", page.display()))?;
+    if plans.iter().any(|plan| !plan.solve.converged) || scores.iter().any(Option::is_none) {
+        outcome = Outcome::Untrusted;
+    }
+    Ok(outcome)
+}
+
+/// Training and test flights at the four corners.
+struct Recordings {
+    training: Vec<Flight>,
+    test: Vec<Flight>,
+}
+
+fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
+    let jobs: Vec<(usize, &str, Configuration, TrainingFlight)> = CORNERS
+        .iter()
+        .enumerate()
+        .flat_map(|(corner, &(name, configuration))| {
+            let flights = training_flights(seed).into_iter().chain([test_flight(seed)]);
+            flights.map(move |flight| (corner, name, configuration, flight))
+        })
+        .collect();
+    let bar = progress(jobs.len() as u64, "training");
+    let flights = in_parallel(&jobs, &bar, |index, (_, corner, configuration, training)| {
+        let mut flight = fly_commands(training, *configuration, seed.wrapping_add(1000 + index as u64))?;
+        flight.name = format!("{corner}_{}", training.name);
+        Ok(flight)
+    })?;
+    let mut recordings = Recordings {
+        training: Vec::new(),
+        test: Vec::new(),
+    };
+    let mut hygiene = Vec::new();
+    for (mut flight, (_, _, _, training)) in flights.into_iter().zip(&jobs) {
+        let is_test = training.name == "test_mixed";
+        let place = if is_test { "test" } else { "training" };
+        write_flight(&folder.join(place).join(format!("{}.csv", flight.name)), &flight).or_internal()?;
+        let report = clean(&mut flight, &HygieneOptions::default());
+        hygiene.push(report);
+        if is_test {
+            &mut recordings.test
+        } else {
+            &mut recordings.training
+        }
+        .push(flight);
+    }
+    write_json(&folder.join("hygiene.json"), &hygiene)?;
+    Ok(recordings)
+}
+
+/// Flies bare commands on the built-in vehicle.
+fn fly_commands(
+    training: &TrainingFlight,
+    configuration: Configuration,
+    seed: u64,
+) -> Result<Flight, Failure> {
+    let knots = training.commands.len() + 1;
+    let unbounded = f64::INFINITY;
+    let trajectory = Trajectory::new(
+        training.commands.clone(),
+        vec![rest_state(configuration, 1); knots],
+        Vec::new(),
+        vec![configuration; knots],
+        [-unbounded; 3],
+        [unbounded; 3],
+    )
+    .or_internal()?;
+    // Training shows the model more than the tasks need, so its room is a little larger than theirs.
+    let room = Room {
+        x_m: [-2.5, 2.5],
+        y_m: [-2.5, 2.5],
+        ..Room::default()
+    };
+    let limits = Limits {
+        room,
+        ..Limits::default()
+    };
+    let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+    let outcome = fly(
+        &trajectory,
+        &mut OpenLoop::new(&trajectory),
+        limits,
+        &mut vehicle,
+        seed,
+        &mut |_, _| ControlFlow::Continue(()),
+    )
+    .or_internal()?;
+    if let End::Aborted { t_s, cause } = outcome.end {
+        say(&format!(
+            "warning: training flight {} was aborted at {t_s:.2} s: {cause}",
+            training.name
+        ));
+    }
+    Ok(outcome.flight)
+}
+
+fn identify(folder: &Path, recordings: &Recordings) -> Result<(Bank, Outcome), Failure> {
+    say("fitting four models …");
+    let (bank, report) = fit_bank(&recordings.training, &FitOptions::default()).or_internal()?;
+    bank.write(&folder.join("bank.json")).or_internal()?;
+    write_json(&folder.join("fit.json"), &report)?;
+    let checked = check(&bank, &recordings.test).or_internal()?;
+    write_json(&folder.join("check.json"), &checked)?;
+    print(&check_table(&checked))?;
+    Ok((bank, say_findings(&report.findings)))
+}
+
+fn plan_tasks(bank: &Bank) -> Result<Vec<Plan>, Failure> {
+    let tasks = TASKS
+        .iter()
+        .map(|text| Task::parse(text, "shipped task"))
+        .collect::<Result<Vec<_>, _>>()
+        .or_internal()?;
+    let bar = progress(tasks.len() as u64, "planning");
+    in_parallel(&tasks, &bar, |_, task| {
+        make_plan(task, bank, &PlanOptions::default()).or_internal()
+    })
+}
+
+/// Flies and scores every plan; no score where a flight was aborted.
+fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<Vec<Option<Score>>, Failure> {
+    let bar = progress(plans.len() as u64, "flying");
+    in_parallel(plans, &bar, |index, plan| {
+        let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+        let seed = seed.wrapping_add(2000 + index as u64);
+        let mut keep_going = |_, _| ControlFlow::Continue(());
+        let outcome = fly_plan(
+            plan,
+            ControllerChoice::OpenLoop,
+            &mut vehicle,
+            seed,
+            &mut keep_going,
+        )?;
+        let score = write_experiment(folder, plan, &outcome.flight)?;
+        if let End::Aborted { t_s, cause } = outcome.end {
+            say(&format!(
+                "warning: {} was aborted at {t_s:.2} s: {cause}",
+                plan.task.name
+            ));
+        }
+        Ok(score)
+    })
+}
+
+/// Runs `job` on every item on all cores; results keep the items' order.
+fn in_parallel<T: Sync, R: Send>(
+    items: &[T],
+    bar: &ProgressBar,
+    job: impl Fn(usize, &T) -> Result<R, Failure> + Sync,
+) -> Result<Vec<R>, Failure> {
+    let results = items
+        .par_iter()
+        .enumerate()
+        .map(|(index, item)| {
+            let result = job(index, item);
+            bar.inc(1);
+            result
+        })
+        .collect();
+    bar.finish_and_clear();
+    results
+}
+
+/// Ours beside the paper's published numbers.
+fn score_table(plans: &[Plan], scores: &[Option<Score>]) -> String {
+    let rows = plans.iter().zip(scores).map(|(plan, score)| {
+        let (compared, published) = match plan.task.motion() {
+            Motion::Lemniscate(lemniscate)
+                if plan.task.name.ends_with("IS") && lemniscate.period_s == 10.0 =>
+            {
+                ("reference", "12")
+            }
+            Motion::Lemniscate(_) => ("reference", "5–9"),
+            Motion::Swing(_) => ("prediction", "13–16"),
+            Motion::Deploy(_) => ("prediction", "15"),
+            Motion::Waypoints(_) => ("reference", "–"),
+        };
+        let column = |value: fn(&Score) -> f64| {
+            score
+                .as_ref()
+                .map_or("aborted".to_owned(), |s| centimetres(value(s)))
+        };
+        vec![
+            plan.task.name.clone(),
+            plan.solve.status.clone(),
+            column(|score| score.ee_vs_reference.mean_m),
+            column(|score| score.ee_vs_prediction.mean_m),
+            score
+                .as_ref()
+                .and_then(|s| s.target_miss_m)
+                .map_or(String::new(), centimetres),
+            format!("{published} ({compared})"),
+        ]
+    });
+    let header = [
+        "mean EE error, cm",
+        "plan",
+        "to reference",
+        "to prediction",
+        "target miss",
+        "paper, hardware",
+    ];
+    table(&header, rows)
+}

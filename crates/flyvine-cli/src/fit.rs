@@ -1,0 +1,195 @@
+//! `flyvine fit`: flights in, bank out.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use flyvine::model::{
+    CheckReport, Finding, FitOptions, FitReport, InputFile, Ridge, Structure, VelocityInput, check, fit_bank,
+};
+
+use crate::check::check_table;
+use crate::console::{centimetres, print, print_json, say, table};
+use crate::flights::load_flights;
+use crate::outcome::{Blame, CommandResult, Failure, Outcome};
+
+/// Identify models from flights and join them in a bank.
+///
+/// Flights are grouped by configuration (arm length, pressure). The extreme configurations become the bank's
+/// models: one, two along one axis, or four corners. Flights in between, and flights during which the
+/// configuration changes, only judge the interpolation. Ridge strengths are chosen by the error of whole
+/// rollouts on flights that were held out, because that is what a plan depends on.
+///
+///   flyvine fit recordings/*.csv --out bank.json --report fit_report
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct FitArguments {
+    /// Recordings in flyvine's CSV format (see `flyvine convert` for others).
+    #[arg(required = true, value_name = "FLIGHT")]
+    flights: Vec<PathBuf>,
+    /// Where to write the bank.
+    #[arg(long, value_name = "BANK.json")]
+    out: PathBuf,
+    /// Also write fit.json (everything that was tried) and check.json (errors on these flights) into this folder.
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Rows of the model: `paper` has a quadratic end-effector height, `linear` has not.
+    #[arg(long, value_enum, default_value_t = StructureChoice::Paper)]
+    structure: StructureChoice,
+    /// Past states that the model looks at.
+    #[arg(long, default_value_t = 3)]
+    lags: usize,
+    /// Ridge strength of the height row: `auto`, or a number ≥ 0.
+    #[arg(long, default_value = "auto", value_parser = parse_ridge)]
+    height_ridge: Ridge,
+    /// Ridge strength of the linear rows: `auto`, or a number ≥ 0.
+    #[arg(long, default_value = "auto", value_parser = parse_ridge)]
+    linear_ridge: Ridge,
+    /// Whether the commanded velocity is an input too, where recordings have it.
+    #[arg(long, value_enum, default_value_t = VelocityChoice::Auto)]
+    command_velocity: VelocityChoice,
+    /// Print the fit's report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum StructureChoice {
+    Paper,
+    Linear,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum VelocityChoice {
+    Auto,
+    Off,
+    On,
+}
+
+fn parse_ridge(text: &str) -> Result<Ridge, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value >= 0.0 => Ok(Ridge::Value(value)),
+        _ if text == "auto" => Ok(Ridge::Auto),
+        _ => Err(format!("found `{text}`, expected `auto` or a number ≥ 0")),
+    }
+}
+
+impl FitArguments {
+    fn options(&self) -> FitOptions {
+        FitOptions {
+            structure: match self.structure {
+                StructureChoice::Paper => Structure::Paper,
+                StructureChoice::Linear => Structure::Linear,
+            },
+            lags: self.lags,
+            height_ridge: self.height_ridge,
+            linear_ridge: self.linear_ridge,
+            command_velocity: match self.command_velocity {
+                VelocityChoice::Auto => VelocityInput::Auto,
+                VelocityChoice::Off => VelocityInput::Off,
+                VelocityChoice::On => VelocityInput::On,
+            },
+        }
+    }
+}
+
+/// Runs `flyvine fit`.
+pub fn run(arguments: &FitArguments) -> CommandResult {
+    let flights = load_flights(&arguments.flights)?;
+    say(&format!("fitting {} flights …", flights.len()));
+    let (bank, report) = fit_bank(&flights, &arguments.options()).or_input()?;
+    let inputs = arguments
+        .flights
+        .iter()
+        .map(|path| InputFile::of(path))
+        .collect::<Result<_, _>>()
+        .or_input()?;
+    let bank = bank.with_inputs(inputs);
+    bank.write(&arguments.out).or_internal()?;
+    let checked = check(&bank, &flights).or_internal()?;
+    if let Some(folder) = &arguments.report {
+        write_json(&folder.join("fit.json"), &report)?;
+        write_json(&folder.join("check.json"), &checked)?;
+    }
+    if arguments.json {
+        print_json(&report)?;
+    } else {
+        print_report(&report, &checked)?;
+    }
+    say(&format!("wrote {}", arguments.out.display()));
+    Ok(say_findings(&report.findings))
+}
+
+/// Writes a value as JSON, whole or not at all.
+pub fn write_json(path: &std::path::Path, value: &impl serde::Serialize) -> Result<(), Failure> {
+    let contents = serde_json::to_vec_pretty(value).or_internal()?;
+    flyvine::file::write_whole(path, &contents).or_internal()
+}
+
+fn print_report(report: &FitReport, checked: &CheckReport) -> Result<(), Failure> {
+    let chosen = &report.chosen;
+    let strength = |ridge: Option<f64>| ridge.map_or("–".to_owned(), |value| format!("{value:e}"));
+    let error = |error: &Option<flyvine::model::HeldOutError>| {
+        error.map_or("–".to_owned(), |error| centimetres(error.mean_m))
+    };
+    let rows = report.candidates.iter().map(|candidate| {
+        vec![
+            if candidate == chosen { "▶" } else { "" }.to_owned(),
+            format!("{:e}", candidate.linear_ridge),
+            strength(candidate.height_ridge),
+            error(&candidate.corners),
+            error(&candidate.interior),
+        ]
+    });
+    let header = [
+        "chosen",
+        "linear ridge",
+        "height ridge",
+        "held-out rollouts, cm",
+        "interpolated, cm",
+    ];
+    print(&table(&header, rows))?;
+    print("On the flights themselves (held-out flights: `flyvine check`):")?;
+    print(&check_table(checked))
+}
+
+/// Says what the user should know about a fit; the result is not to be trusted if a finding says so.
+pub fn say_findings(findings: &[Finding]) -> Outcome {
+    let mut outcome = Outcome::Done;
+    for finding in findings {
+        match finding {
+            Finding::PlainLeastSquaresUnusable {
+                error,
+                standing_still,
+            } => say(&format!(
+                "note: plain least squares in the paper's form does not predict these flights: held-out rollouts miss \
+                 by {} cm and {:.0} % diverge, where predicting that nothing moves misses by {} cm; the chosen model \
+                 is regularized",
+                centimetres(error.mean_m),
+                100.0 * error.diverged_share,
+                centimetres(standing_still.mean_m)
+            )),
+            Finding::NotToBeTrusted { error } => {
+                say(&format!(
+                    "warning: do not plan on this bank: held-out rollouts miss by {} cm and {:.0} % diverge",
+                    centimetres(error.mean_m),
+                    100.0 * error.diverged_share
+                ));
+                outcome = Outcome::Untrusted;
+            }
+            Finding::Unstable {
+                configuration,
+                spectral_radius,
+            } => {
+                say(&format!(
+                    "warning: the model at {} m, {} kPa is unstable at rest: spectral radius {spectral_radius:.4}",
+                    configuration.length_m, configuration.pressure_kpa
+                ));
+                outcome = Outcome::Untrusted;
+            }
+            Finding::TooShortToCrossCheck => say(
+                "warning: no stretch of valid rows is long enough for a held-out rollout; nothing was cross-checked",
+            ),
+        }
+    }
+    outcome
+}

@@ -1,0 +1,73 @@
+//! Recordings as every command reads them: parsed, cleaned, and nothing about it silent.
+
+use std::path::{Path, PathBuf};
+
+use flyvine::flight::{Configuration, Flight, HygieneOptions, HygieneReport, clean, read_flight};
+
+use crate::console::say;
+use crate::outcome::{Blame, Failure};
+
+/// Reads and cleans flights; what hygiene finds goes to stderr.
+pub fn load_flights(paths: &[PathBuf]) -> Result<Vec<Flight>, Failure> {
+    paths
+        .iter()
+        .map(|path| load_flight(path).map(|(flight, _)| flight))
+        .collect()
+}
+
+/// Reads and cleans one flight.
+pub fn load_flight(path: &Path) -> Result<(Flight, HygieneReport), Failure> {
+    let mut flight = read_flight(path).or_input()?;
+    let report = clean(&mut flight, &HygieneOptions::default());
+    if !report.findings.is_empty() {
+        say(&format!("{}:\n{report}", path.display()));
+    }
+    Ok((flight, report))
+}
+
+/// `ES`, `IS`, `EL`, `IL` at the paper's corners, otherwise length and pressure; an arrow where it changes.
+pub fn configuration_label(first: Configuration, last: Option<Configuration>) -> String {
+    let one = |configuration: Configuration| {
+        let Configuration {
+            length_m,
+            pressure_kpa,
+        } = configuration;
+        match CORNERS.iter().find(|(_, corner)| *corner == configuration) {
+            Some((name, _)) => (*name).to_owned(),
+            None => format!("{length_m:.3} m {pressure_kpa:.2} kPa"),
+        }
+    };
+    last.map_or_else(|| one(first), |last| format!("{} → {}", one(first), one(last)))
+}
+
+/// The paper's four configurations: empty or inflated, short or long.
+pub const CORNERS: [(&str, Configuration); 4] = [
+    (
+        "ES",
+        Configuration {
+            length_m: 0.7,
+            pressure_kpa: 0.0,
+        },
+    ),
+    (
+        "IS",
+        Configuration {
+            length_m: 0.7,
+            pressure_kpa: 0.4,
+        },
+    ),
+    (
+        "EL",
+        Configuration {
+            length_m: 1.0,
+            pressure_kpa: 0.0,
+        },
+    ),
+    (
+        "IL",
+        Configuration {
+            length_m: 1.0,
+            pressure_kpa: 0.4,
+        },
+    ),
+];

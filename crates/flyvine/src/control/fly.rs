@@ -1,0 +1,162 @@
+//! One flight of a trajectory on a vehicle in lockstep.
+
+use std::ops::ControlFlow;
+
+use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, Supervisor, SupervisorError};
+use super::{Controller, Proposal, Tick, Trajectory};
+use crate::DT;
+use crate::flight::{Flight, Sample};
+use crate::link::{Vehicle, VehicleError};
+
+/// What became of a flight. The recording is there whatever the end.
+#[derive(Debug)]
+pub struct FlightOutcome {
+    /// Row k: the poses that the vehicle reported at t_k and the command issued then. N rows for a completed
+    /// flight of N knots; up to the fault for an aborted one, and then the rows in which the position was
+    /// held.
+    pub flight: Flight,
+    /// How it ended.
+    pub end: End,
+    /// What the supervisor had to say, in order.
+    pub events: Vec<Event>,
+    /// Error of the vehicle while the position was held after an abort.
+    pub hold_error: Option<VehicleError>,
+}
+
+/// How a flight ended.
+#[derive(Debug)]
+pub enum End {
+    /// All knots were flown.
+    Completed,
+    /// The flight was cut short.
+    Aborted {
+        /// When, s.
+        t_s: f64,
+        /// Why.
+        cause: AbortCause,
+    },
+}
+
+/// Who ended a flight, and why.
+#[derive(Debug, thiserror::Error)]
+pub enum AbortCause {
+    /// The supervisor.
+    #[error(transparent)]
+    Supervisor(#[from] Reason),
+    /// The vehicle.
+    #[error(transparent)]
+    Vehicle(#[from] VehicleError),
+}
+
+/// Flies `trajectory` on `vehicle`: N knots make N rows, the last repeating the final command.
+///
+/// Every command passes a [`Supervisor`] with these `limits`. After an abort the position is held for
+/// [`Limits::hold_s`]; then the flight ends, since a vehicle in lockstep has no autopilot modes to fall back
+/// on. `progress` is called with the knot and the number of knots before each command and may stop the
+/// flight. An `Err` means that nothing was flown: the limits are bad, or the plan starts outside the room.
+pub fn fly(
+    trajectory: &Trajectory,
+    controller: &mut dyn Controller,
+    limits: Limits,
+    vehicle: &mut dyn Vehicle,
+    seed: u64,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<FlightOutcome, SupervisorError> {
+    let (quadrotor, end_effector) = trajectory.start();
+    let mut supervisor = Supervisor::new(
+        limits,
+        Start {
+            t_s: 0.0,
+            quadrotor,
+            end_effector,
+        },
+    )?;
+    let mut samples = Vec::with_capacity(trajectory.knots());
+    let mut vehicle_error = None;
+    let last_knot = trajectory.knots() - 1;
+
+    let mut configuration = trajectory.configuration(0);
+    let mut answer = vehicle.reset(configuration, seed);
+    for row in 0.. {
+        let observation = match answer {
+            Ok(observation) => observation,
+            Err(error) => {
+                vehicle_error = Some(error);
+                break;
+            }
+        };
+        let t_s = row as f64 * DT;
+        if supervisor.reason().is_none() {
+            configuration = trajectory.configuration(row);
+            if progress(row, trajectory.knots()).is_break() {
+                supervisor.abort(Reason::Operator);
+            }
+        }
+        let held_command = supervisor.setpoint();
+        let credible = supervisor.observe(t_s, &observation, configuration);
+        let proposal = if supervisor.reason().is_none() && row < last_knot {
+            controller.propose(&Tick {
+                knot: row,
+                observation: credible,
+                held_command,
+            })
+        } else {
+            Proposal::Command(held_command)
+        };
+        let order = supervisor.decide(t_s, proposal);
+        let (Some(command), Mode::Offboard) = (order.setpoint, order.mode) else {
+            break;
+        };
+        samples.push(Sample {
+            t_s,
+            configuration,
+            command,
+            command_velocity: None,
+            quadrotor: observation.quadrotor,
+            end_effector: observation.end_effector,
+        });
+        if row == last_knot && supervisor.reason().is_none() {
+            break;
+        }
+        answer = vehicle.step(command, configuration);
+    }
+
+    let events = supervisor.take_events();
+    let aborted = events.iter().find_map(|event| match event.kind {
+        EventKind::Aborted(reason) => Some((event.t_s, reason)),
+        _ => None,
+    });
+    let (end, hold_error) = match (aborted, vehicle_error) {
+        (Some((t_s, reason)), error) => (
+            End::Aborted {
+                t_s,
+                cause: reason.into(),
+            },
+            error,
+        ),
+        (None, Some(error)) => {
+            let t_s = samples.last().map_or(0.0, |sample| sample.t_s);
+            (
+                End::Aborted {
+                    t_s,
+                    cause: error.into(),
+                },
+                None,
+            )
+        }
+        (None, None) => (End::Completed, None),
+    };
+    let flight = Flight {
+        name: "flight".into(),
+        samples,
+    };
+    Ok(FlightOutcome {
+        flight,
+        end,
+        events,
+        hold_error,
+    })
+}
+
+#[cfg(test)]
+mod tests;
