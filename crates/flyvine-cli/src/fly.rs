@@ -13,6 +13,7 @@ use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
 use crate::console::{progress, say};
+use crate::convert::extension;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 
 /// Fly a plan on a vehicle and record the flight.
@@ -22,7 +23,7 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 /// command: it refuses NaN, stale, frozen and jumping poses, and keeps quadrotor and tip inside the room. An aborted
 /// flight exits with code 3; its recording is kept.
 ///
-///   flyvine fly plan.json --vehicle sim --out flight.csv
+///   flyvine fly plan.json --vehicle sim --out flight.mcap
 ///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --out flight.csv
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
@@ -36,8 +37,8 @@ pub struct FlyArguments {
     /// The control law.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
-    /// Where to write the recording.
-    #[arg(long, value_name = "FLIGHT.csv")]
+    /// Where to write the recording: .mcap (opens in Foxglove, Rerun and PlotJuggler) or .csv.
+    #[arg(long, value_name = "FLIGHT")]
     out: PathBuf,
     /// Seed of the vehicle's noise.
     #[arg(long, default_value_t = 1)]

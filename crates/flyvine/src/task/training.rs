@@ -98,10 +98,10 @@ fn shrinking_lemniscate() -> Vec<[f64; 3]> {
 fn swings(random: &mut impl Rng) -> Vec<[f64; 3]> {
     let mut commands = vec![[0.0, 0.0, HOVER_HEIGHT_M]; 20];
     for swing in 0..12 {
-        let back = -(0.5 + 0.9 * random.random::<f64>());
-        let forth = 0.6 + 0.9 * random.random::<f64>();
+        let back = -(0.4 + 0.7 * random.random::<f64>());
+        let forth = 0.5 + 0.7 * random.random::<f64>();
         let (ramp_s, hold_s) = (
-            0.1 + 0.5 * random.random::<f64>(),
+            0.15 + 0.45 * random.random::<f64>(),
             0.2 + 0.3 * random.random::<f64>(),
         );
         let height = 0.1 * (2.0 * random.random::<f64>() - 1.0);
@@ -148,7 +148,7 @@ fn random_steps(random: &mut impl Rng) -> Vec<[f64; 3]> {
     let mut commands = vec![[0.0, 0.0, HOVER_HEIGHT_M]; 20];
     while commands.len() < (45.0 / DT) as usize {
         let mut uniform = |half: f64| half * (2.0 * random.random::<f64>() - 1.0);
-        let place = [uniform(0.9), uniform(0.9), HOVER_HEIGHT_M + uniform(0.15)];
+        let place = [uniform(0.6), uniform(0.6), HOVER_HEIGHT_M + uniform(0.15)];
         let hold = 12 + (14.0 * (1.0 + uniform(1.0))) as usize;
         commands.extend(std::iter::repeat_n(place, hold));
     }
