@@ -57,12 +57,11 @@ pub enum ControllerChoice {
 /// Runs `flyvine fly`.
 pub fn run(arguments: &FlyArguments) -> CommandResult {
     let plan = read_plan(&arguments.plan).or_input()?;
-    if arguments
-        .out
-        .extension()
-        .is_none_or(|extension| extension != "csv")
-    {
-        return bad_input(format!("--out {}: expected a .csv file", arguments.out.display()));
+    if !matches!(extension(&arguments.out), "csv" | "mcap") {
+        return bad_input(format!(
+            "--out {}: expected a .csv or .mcap file",
+            arguments.out.display()
+        ));
     }
     let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
     let bar = progress(plan.knots() as u64, "flying");
