@@ -119,7 +119,7 @@ pub fn fly_plan(
         bounds.upper,
     )
     .or_input()?;
-    match controller {
+    let mut outcome = match controller {
         ControllerChoice::OpenLoop => fly(
             &trajectory,
             &mut OpenLoop::new(&trajectory),
@@ -134,7 +134,9 @@ pub fn fly_plan(
             let mut tracking = Tracking::new(&trajectory, &model).or_input()?;
             fly(&trajectory, &mut tracking, limits, vehicle, seed, progress).or_input()
         }
-    }
+    }?;
+    outcome.flight.name.clone_from(&plan.task.name);
+    Ok(outcome)
 }
 
 /// A vehicle, and the limits within which it may be flown.
