@@ -1,7 +1,8 @@
 //! The default vehicle against hardware: the paper's 12 flown plans replayed, and the measured curves of its
 //! figures.
 
-use flyvine::sim::replay::{ReplayRow, paper_recordings, replay_table};
+use flyvine::sim::paper;
+use flyvine::sim::replay::{ReplayRow, replay_table};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use std::path::{Path, PathBuf};
 
@@ -23,7 +24,7 @@ fn shared_data() -> Option<PathBuf> {
 
 fn rows() -> Option<Vec<ReplayRow>> {
     let folder = shared_data()?;
-    let recordings = paper_recordings(&folder.join("author/commands"), &folder.join("paper_figures"))
+    let recordings = paper::recordings(&folder.join("author/commands"), &folder.join("paper_figures"))
         .expect("the shared data are complete");
     let vehicle = SimulatedVehicle::new(VehicleParameters::default()).expect("defaults are valid");
     Some(replay_table(&vehicle, &recordings).expect("the default vehicle flies every plan"))

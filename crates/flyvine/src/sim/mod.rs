@@ -11,16 +11,17 @@
 //! | [`pneumatics`], [`wind`], [`contact`] | pumps and leak, mean wind and gusts, floor and ball |
 //! | [`mocap`] | late, noisy poses with faults counted by cause |
 //! | [`vehicle`] | all of it in lockstep, as a [`crate::link::Vehicle`] |
-//! | [`replay`], [`calibrate`], [`free`] | recorded flights replayed, and the parameters fitted to them |
+//! | [`replay`], [`paper`], [`calibrate`], [`free`] | recorded flights replayed, the paper's among them, and the parameters fitted to them |
 //!
 //! # Calibration
 //!
 //! [`VehicleParameters::default`] was found by [`calibrate::calibrate`] on the paper's 4 swings and 8
-//! lemniscates ([`replay::paper_recordings`]), all parameters of [`free::all`] at once, within bounds from the paper's
+//! lemniscates ([`paper::recordings`]), all parameters of [`free::all`] at once, within bounds from the paper's
 //! masses and sizes. Against hardware the replays differ by less than those of an independent MuJoCo vehicle
 //! calibrated on the same swings (`tests/replay.rs`). What it does not reproduce: the oscillation of the short
 //! inflated arm in slow flight, and initial offsets of a few centimetres.
 
+mod arm;
 pub mod articulated;
 pub mod autopilot;
 pub mod calibrate;
@@ -32,6 +33,7 @@ pub mod free;
 mod history;
 pub mod integrator;
 pub mod mocap;
+pub mod paper;
 pub mod parameters;
 pub mod pneumatics;
 mod randomize;

@@ -61,8 +61,8 @@ impl Default for AutopilotParameters {
     fn default() -> Self {
         AutopilotParameters {
             law: Law::Cascade,
-            command_delay_s: 0.0601,
-            estimate_delay_s: 0.0247,
+            command_delay_s: 0.05994,
+            estimate_delay_s: 0.02207,
             rate_period_s: 0.0025,
             attitude_divider: 1,
             position_divider: 4,

@@ -48,15 +48,15 @@ pub struct PositionParameters {
 impl Default for PositionParameters {
     fn default() -> Self {
         PositionParameters {
-            xy_p: 1.55,
-            z_p: 2.53,
-            xy_vel_p: 3.69,
-            xy_vel_i: 1.45,
-            xy_vel_d: 1.22,
-            z_vel_p: 6.03,
-            z_vel_i: 5.51,
+            xy_p: 1.54,
+            z_p: 2.395,
+            xy_vel_p: 3.694,
+            xy_vel_i: 1.419,
+            xy_vel_d: 1.208,
+            z_vel_p: 6.199,
+            z_vel_i: 7.145,
             z_vel_d: 0.0,
-            velocity_derivative_cutoff_hz: 4.42,
+            velocity_derivative_cutoff_hz: 5.124,
             xy_vel_max: 12.0,
             z_vel_max_up: 3.0,
             z_vel_max_down: 1.5,
