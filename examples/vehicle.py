@@ -36,7 +36,8 @@ class Vehicle:
         h = DT / SUBSTEPS
         for _ in range(SUBSTEPS):
             # Cascade: the position error asks for a velocity, the velocity error for an acceleration.
-            wanted = [VELOCITY_GAIN * (POSITION_GAIN * (c - p) - v) for c, p, v in zip(command, self.position, self.velocity)]
+            error = add(command, self.position, -1)
+            wanted = [VELOCITY_GAIN * (POSITION_GAIN * e - v) for e, v in zip(error, self.velocity)]
             self.acceleration = add(self.acceleration, add(wanted, self.acceleration, -1), h / LAG)
             self.velocity = add(self.velocity, self.acceleration, h)
             self.position = add(self.position, self.velocity, h)
@@ -75,7 +76,8 @@ def main():
             return
         tip = add(vehicle.position, vehicle.arm, vehicle.length)
         # A body that motion capture misses is null ("qr" and "q" together); further keys are ignored.
-        print(json.dumps({"t_s": vehicle.steps * DT, "qr": vehicle.seen(vehicle.position), "q": vehicle.attitude(), "ee": vehicle.seen(tip)}), flush=True)
+        poses = {"qr": vehicle.seen(vehicle.position), "q": vehicle.attitude(), "ee": vehicle.seen(tip)}
+        print(json.dumps({"t_s": vehicle.steps * DT, **poses}), flush=True)
 
 
 main()

@@ -209,6 +209,7 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<Vec<Option<Scor
         let outcome = fly_plan(
             plan,
             ControllerChoice::OpenLoop,
+            Limits::default(),
             &mut vehicle,
             seed,
             &mut keep_going,

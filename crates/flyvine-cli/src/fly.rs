@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{End, FlightOutcome, OpenLoop, Tracking, Trajectory, fly};
 use flyvine::flight::write_flight;
-use flyvine::link::{ExecOptions, ExecVehicle, Vehicle};
+use flyvine::link::Vehicle;
+use flyvine::link::exec::{ExecOptions, ExecVehicle};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
@@ -62,11 +63,12 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     {
         return bad_input(format!("--out {}: expected a .csv file", arguments.out.display()));
     }
-    let mut vehicle = open_vehicle(&arguments.vehicle)?;
+    let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
     let bar = progress(plan.knots() as u64, "flying");
     let outcome = fly_plan(
         &plan,
         arguments.controller,
+        limits,
         vehicle.as_mut(),
         arguments.seed,
         &mut |knot, _| {
@@ -102,6 +104,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
 pub fn fly_plan(
     plan: &Plan,
     controller: ControllerChoice,
+    limits: Limits,
     vehicle: &mut dyn Vehicle,
     seed: u64,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
@@ -116,7 +119,6 @@ pub fn fly_plan(
         bounds.upper,
     )
     .or_input()?;
-    let limits = Limits::default();
     match controller {
         ControllerChoice::OpenLoop => fly(
             &trajectory,
@@ -135,26 +137,52 @@ pub fn fly_plan(
     }
 }
 
+/// A vehicle, and the limits within which it may be flown.
+struct OpenVehicle {
+    vehicle: Box<dyn Vehicle>,
+    limits: Limits,
+}
+
 /// Opens `sim`, `sim:FILE` or `exec:PROGRAM ARGS`.
-fn open_vehicle(name: &str) -> Result<Box<dyn Vehicle>, Failure> {
-    match name.split_once(':') {
-        None if name == "sim" => Ok(Box::new(
-            SimulatedVehicle::new(VehicleParameters::default()).or_internal()?,
-        )),
+fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
+    let (vehicle, limits): (Box<dyn Vehicle>, Limits) = match name.split_once(':') {
+        None if name == "sim" => (
+            Box::new(SimulatedVehicle::new(VehicleParameters::default()).or_internal()?),
+            Limits::default(),
+        ),
         Some(("sim", path)) => {
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| anyhow::anyhow!("cannot read the vehicle file {path}: {error}"))
+            let (parameters, limits) = read_vehicle_file(path)
+                .map_err(|error| error.context(path.to_owned()))
                 .or_input()?;
-            let parameters = VehicleParameters::from_toml(&text)
-                .map_err(|error| anyhow::anyhow!("{path}: {error}"))
-                .or_input()?;
-            Ok(Box::new(SimulatedVehicle::new(parameters).or_input()?))
+            (Box::new(SimulatedVehicle::new(parameters).or_input()?), limits)
         }
-        Some(("exec", command_line)) => Ok(Box::new(
-            ExecVehicle::spawn(command_line, ExecOptions::default()).or_input()?,
-        )),
-        _ => bad_input(format!(
-            "--vehicle {name}: expected `sim`, `sim:vehicle.toml` or `exec:PROGRAM ARGS`"
-        )),
-    }
+        Some(("exec", command_line)) => {
+            let options = ExecOptions {
+                stderr_sink: Some(Box::new(std::io::stderr())),
+                ..ExecOptions::default()
+            };
+            (
+                Box::new(ExecVehicle::spawn(command_line, options).or_input()?),
+                Limits::default(),
+            )
+        }
+        _ => {
+            return bad_input(format!(
+                "--vehicle {name}: expected `sim`, `sim:vehicle.toml` or `exec:PROGRAM ARGS`"
+            ));
+        }
+    };
+    Ok(OpenVehicle { vehicle, limits })
+}
+
+/// A vehicle's TOML: the simulated vehicle's parameters, and a table `[supervisor]` with its limits.
+fn read_vehicle_file(path: &str) -> anyhow::Result<(VehicleParameters, Limits)> {
+    let mut table: toml::Table = std::fs::read_to_string(path)?.parse()?;
+    let limits = match table.remove("supervisor") {
+        Some(limits) => limits
+            .try_into()
+            .map_err(|error: toml::de::Error| anyhow::anyhow!("supervisor: {error}"))?,
+        None => Limits::default(),
+    };
+    Ok((VehicleParameters::from_toml(&toml::to_string(&table)?)?, limits))
 }

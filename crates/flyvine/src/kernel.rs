@@ -45,6 +45,51 @@ pub fn add_transpose_product(left: &[f64], right: &[f64], stride: usize, upper: 
     });
 }
 
+/// `out[i] = matrix[i] · vector`, rows being as long as the vector.
+pub fn multiply(matrix: &[f64], vector: &[f64], out: &mut [f64]) {
+    Arch::new().dispatch(RowProducts { matrix, vector, out });
+}
+
+struct RowProducts<'a> {
+    matrix: &'a [f64],
+    vector: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for RowProducts<'_> {
+    type Output = ();
+
+    /// Three rows at a time, for enough independent sums.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        const ROWS: usize = 3;
+        let vector = S::as_simd_f64s(self.vector).0;
+        let matrix = S::as_simd_f64s(self.matrix).0;
+        let mut rows = matrix.chunks_exact(vector.len());
+        for out in self.out.chunks_mut(ROWS) {
+            let mut sums = [simd.splat_f64s(0.0); ROWS];
+            if out.len() == ROWS
+                && let (Some(first), Some(second), Some(third)) = (rows.next(), rows.next(), rows.next())
+            {
+                for (((&v, &a), &b), &c) in vector.iter().zip(first).zip(second).zip(third) {
+                    sums[0] = simd.mul_add_f64s(a, v, sums[0]);
+                    sums[1] = simd.mul_add_f64s(b, v, sums[1]);
+                    sums[2] = simd.mul_add_f64s(c, v, sums[2]);
+                }
+            } else {
+                for (sum, row) in sums.iter_mut().zip(rows.by_ref()) {
+                    for (&v, &a) in vector.iter().zip(row) {
+                        *sum = simd.mul_add_f64s(a, v, *sum);
+                    }
+                }
+            }
+            for (entry, sum) in out.iter_mut().zip(sums) {
+                *entry = simd.reduce_sum_f64s(sum);
+            }
+        }
+    }
+}
+
 struct TransposeProduct<'a> {
     left: &'a [f64],
     left_stride: usize,

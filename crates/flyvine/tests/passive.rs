@@ -71,6 +71,7 @@ impl Configuration {
                 inertia_transverse_kg_m2: self.tip_inertia_transverse,
                 inertia_axial_kg_m2: self.tip_inertia_axial,
                 drag: 0.0,
+                slider: None,
             },
             growth: Growth::default(),
             gravity,
@@ -168,7 +169,8 @@ fn error_falls_with_the_square_of_the_step() {
 #[test]
 fn energy_is_kept_without_damping() {
     let parameters = parameters();
-    for (name, configuration) in &parameters.configs {
+    for name in ["IS", "EL"] {
+        let configuration = &parameters.configs[name];
         let mut chain = configuration.chain(parameters.n_links, parameters.gravity);
         chain.joints.iter_mut().for_each(|joint| joint.damping = 0.0);
         let total = |state: &ChainState| {

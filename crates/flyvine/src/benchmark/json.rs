@@ -35,6 +35,9 @@ pub enum BenchmarkError {
         /// What should be there.
         expected: String,
     },
+    /// The numbers do not make a valid model.
+    #[error(transparent)]
+    Model(#[from] crate::model::ModelError),
     /// The numbers do not make a valid problem.
     #[error(transparent)]
     Problem(#[from] crate::trajopt::ProblemError),

@@ -1,12 +1,10 @@
 //! The neutral problem format that solvers are compared on (`bench/FORMAT.md`): JSON in, JSON out.
 
 mod json;
-mod lag_dynamics;
 mod problem_file;
 mod report;
 
 pub use json::BenchmarkError;
-pub use lag_dynamics::ScheduledLagDynamics;
 pub use problem_file::{BenchmarkProblem, parse_problem, read_problem};
 pub use report::{SolveReport, solve_report};
 

@@ -1,14 +1,9 @@
 //! Reading a problem file.
 
 use super::json::{BenchmarkError, Node};
-use super::lag_dynamics::{HeightModel, ScheduledLagDynamics};
+use crate::model::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN, ScheduledModel};
 use crate::trajopt::{Equality, Problem, StateBound};
 use std::path::Path;
-
-/// Entries of the newest state, which the models predict.
-const FRESH: usize = 9;
-/// Row that the quadratic height formula replaces.
-const HEIGHT_ROW: usize = 8;
 
 /// One problem of the benchmark set: cost and constraints, and the dynamics that they are subject to.
 #[derive(Debug, Clone)]
@@ -17,8 +12,8 @@ pub struct BenchmarkProblem {
     pub name: String,
     /// Cost, constraints, initial guess.
     pub problem: Problem,
-    /// Lagged models, one per step.
-    pub dynamics: ScheduledLagDynamics,
+    /// Lagged models, mixed by the schedule.
+    pub dynamics: ScheduledModel,
 }
 
 /// Reads and validates a problem file.
@@ -54,11 +49,14 @@ pub fn parse_problem(text: &str) -> Result<BenchmarkProblem, BenchmarkError> {
     }
     let start = root.get("z0", "the initial state")?;
     let n = start.items()?.count();
-    if n == 0 || n % FRESH != 0 {
+    if n == 0 || n % STATE_LEN != 0 {
         return Err(start.unexpected("a list of 9 numbers per lag"));
     }
     let lower = root.get("umin", "the lower command bounds")?;
     let m = lower.items()?.count();
+    if m != CommandInputs::Position.len() {
+        return Err(lower.unexpected("a list of 3 numbers, one per entry of the commanded position"));
+    }
     let vector = |key: &str, len: usize| root.get(key, &format!("{len} numbers"))?.vector(len);
     let matrix = |key: &str, rows: usize, columns: usize| {
         root.get(key, &format!("{rows} rows of {columns} numbers"))?
@@ -128,52 +126,50 @@ fn parse_dynamics(
     steps: usize,
     n: usize,
     m: usize,
-) -> Result<ScheduledLagDynamics, BenchmarkError> {
+) -> Result<ScheduledModel, BenchmarkError> {
     let models_node = root.get("models", "a list of models")?;
     let mut models = Vec::new();
     for model in models_node.items()? {
         models.push(parse_model(&model, n, m)?);
     }
     let schedule = root.get("schedule", "null, or weights of the models at every step")?;
-    match (schedule.value.is_null(), models.len()) {
-        (true, 1) => Ok(ScheduledLagDynamics::new(models, vec![1.0], m)),
-        (true, _) => Err(models_node.unexpected("one model where the schedule is null")),
-        (false, 0) => Err(models_node.unexpected("at least one model")),
-        (false, count) => {
-            let weights = schedule.matrix(steps, count)?;
-            Ok(ScheduledLagDynamics::new(models, weights, m))
-        }
-    }
+    let weights = match (schedule.value.is_null(), models.len()) {
+        (true, 1) => vec![1.0],
+        (true, _) => return Err(models_node.unexpected("one model where the schedule is null")),
+        (false, 0) => return Err(models_node.unexpected("at least one model")),
+        (false, count) => schedule.matrix(steps, count)?,
+    };
+    Ok(ScheduledModel::mixture(&models, &weights)?)
 }
 
-fn parse_model(node: &Node<'_>, n: usize, m: usize) -> Result<HeightModel, BenchmarkError> {
+fn parse_model(node: &Node<'_>, n: usize, m: usize) -> Result<LagModel, BenchmarkError> {
     let width = n + m;
-    let a = node.get("A", "9 rows")?.matrix(FRESH, n)?;
-    let b = node.get("B", "9 rows")?.matrix(FRESH, m)?;
+    let a = node.get("A", "9 rows")?.matrix(STATE_LEN, n)?;
+    let b = node.get("B", "9 rows")?.matrix(STATE_LEN, m)?;
     let height = node.get("height", "a0, lin, quad")?;
-    let mut linear = Vec::with_capacity(FRESH * width);
+    let mut linear = Vec::with_capacity(STATE_LEN * width);
     for row in 0..HEIGHT_ROW {
         linear.extend_from_slice(&a[row * n..][..n]);
         linear.extend_from_slice(&b[row * m..][..m]);
     }
     linear.extend(height.get("lin", "the linear coefficients")?.vector(width)?);
-    let mut offset = vec![0.0; FRESH];
+    let mut offset = vec![0.0; STATE_LEN];
     offset[HEIGHT_ROW] = height.get("a0", "the offset")?.number()?;
     let quadratic = height
         .get("quad", "the quadratic coefficients, upper triangle")?
         .matrix(width, width)?;
-    Ok(HeightModel {
+    let upper_triangle = (0..width)
+        .flat_map(|i| quadratic[i * width + i..(i + 1) * width].to_vec())
+        .collect();
+    let terms = QuadraticTerms {
+        row: HEIGHT_ROW,
+        upper_triangle,
+    };
+    Ok(LagModel::new(
+        n / STATE_LEN,
+        CommandInputs::Position,
         offset,
         linear,
-        hessian: symmetric_hessian(&quadratic, width),
-    })
-}
-
-/// `∂²/∂w²` of `wᵀ quadratic w`.
-fn symmetric_hessian(quadratic: &[f64], width: usize) -> Vec<f64> {
-    let entry = |index: usize| {
-        let (i, j) = (index / width, index % width);
-        quadratic[i * width + j] + quadratic[j * width + i]
-    };
-    (0..width * width).map(entry).collect()
+        &[terms],
+    )?)
 }

@@ -11,8 +11,9 @@ use crate::link::{Vehicle, VehicleError};
 /// What became of a flight. The recording is there whatever the end.
 #[derive(Debug)]
 pub struct FlightOutcome {
-    /// Row k: the poses that the vehicle reported at t_k and the command issued then. N rows for a completed flight of N
-    /// knots; up to the fault for an aborted one, and then the rows in which the position was held.
+    /// Row k: the poses that the vehicle reported at t_k and the command issued then. N rows for a completed
+    /// flight of N knots; up to the fault for an aborted one, and then the rows in which the position was
+    /// held.
     pub flight: Flight,
     /// How it ended.
     pub end: End,
@@ -50,9 +51,9 @@ pub enum AbortCause {
 /// Flies `trajectory` on `vehicle`: N knots make N rows, the last repeating the final command.
 ///
 /// Every command passes a [`Supervisor`] with these `limits`. After an abort the position is held for
-/// [`Limits::hold_s`]; then the flight ends, since a vehicle in lockstep has no autopilot modes to fall back on.
-/// `progress` is called with the knot and the number of knots before each command and may stop the flight.
-/// An `Err` means that nothing was flown: the limits are bad, or the plan starts outside the room.
+/// [`Limits::hold_s`]; then the flight ends, since a vehicle in lockstep has no autopilot modes to fall back
+/// on. `progress` is called with the knot and the number of knots before each command and may stop the
+/// flight. An `Err` means that nothing was flown: the limits are bad, or the plan starts outside the room.
 pub fn fly(
     trajectory: &Trajectory,
     controller: &mut dyn Controller,

@@ -28,7 +28,8 @@ pub struct Tick {
     pub knot: usize,
     /// The poses at t_k; those that the supervisor does not believe are `None`.
     pub observation: Observation,
-    /// The command that was held from t_{k−1} to t_k as it left the supervisor, m; at knot 0 the start position.
+    /// The command that was held from t_{k−1} to t_k as it left the supervisor, m; at knot 0 the start
+    /// position.
     pub held_command: [f64; 3],
 }
 

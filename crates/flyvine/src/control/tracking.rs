@@ -7,8 +7,8 @@ use crate::trajopt::Dynamics;
 
 /// u_k = clip(u*_k + K_k (z_k − z*_k)), with the gains K_k that the planner's backward pass left.
 ///
-/// z_k is made of the poses at t_k, t_{k−1}, …; where one is missing, the model's one-step prediction from the
-/// previous z and the command that was really held takes its place.
+/// z_k is made of the poses at t_k, t_{k−1}, …; where one is missing, the model's one-step prediction from
+/// the previous z and the command that was really held takes its place.
 pub struct Tracking<'a> {
     trajectory: &'a Trajectory,
     model: &'a dyn Dynamics,

@@ -3,9 +3,10 @@
 use crate::flight::Configuration;
 
 /// Entries of the state x at one instant: quadrotor position, attitude vector part, end-effector position.
-pub const POSE_STATE_LEN: usize = 9;
+pub(super) const POSE_STATE_LEN: usize = 9;
 
-/// N knots of commands, predicted states, feedback gains and arm configurations, checked for size and finiteness.
+/// N knots of commands, predicted states, feedback gains and arm configurations, checked for size and
+/// finiteness.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {
     commands: Vec<[f64; 3]>,
@@ -55,9 +56,12 @@ pub enum TrajectoryError {
 
 impl Trajectory {
     /// Checks and keeps a trajectory of N knots:
-    /// `commands` (N−1) u*_k, m; `states` (N, each of length n ≥ 9) z*_k, whose first nine entries are the state x at
-    /// t_k; `gains` (N−1, each 3 × n row-major, or none at all) K_k with u_k = u*_k + K_k (z_k − z*_k);
-    /// `configurations` (N); command bounds, m (infinite for none).
+    ///
+    /// - `commands` (N−1): u*_k, m;
+    /// - `states` (N, each of length n ≥ 9): z*_k, whose first nine entries are the state x at t_k;
+    /// - `gains` (N−1, each 3 × n row-major, or none at all): K_k in u_k = u*_k + K_k (z_k − z*_k);
+    /// - `configurations` (N);
+    /// - `command_lower`, `command_upper`: bounds on feedback's commands, m, infinite for none.
     pub fn new(
         commands: Vec<[f64; 3]>,
         states: Vec<Vec<f64>>,

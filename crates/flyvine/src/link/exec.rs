@@ -9,9 +9,10 @@
 //! ```
 //!
 //! World frame ENU, metres; `q` is Hamilton, world_from_body. `qr` and `q` are both null where motion capture
-//! missed the quadrotor, `ee` where it missed the end effector; further keys are ignored. `t_s` is the vehicle's
-//! own time, not the capture time of its newest pose: after k commands it must be within 25 ms of k · 50 ms, so a
-//! reply that is lost, doubled or integrated over another step is caught at once and a clock cannot drift away.
+//! missed the quadrotor, `ee` where it missed the end effector; further keys are ignored. `t_s` is the
+//! vehicle's own time, not the capture time of its newest pose: after k commands it must be within 25 ms of k
+//! · 50 ms, so a reply that is lost, doubled or integrated over another step is caught at once and a clock
+//! cannot drift away.
 //!
 //! The child is never trusted: replies are bounded in length and in wall time, and every way of failing has a
 //! name in [`ExecFault`]. After a fault the child is killed and reaped, and the vehicle answers no more.

@@ -1,8 +1,6 @@
 //! What a plan is flown on: the [`Vehicle`] interface, and vehicles outside this process.
 
-mod exec;
-
-pub use exec::{ExecError, ExecFault, ExecOptions, ExecVehicle};
+pub mod exec;
 
 use crate::flight::{Configuration, Pose};
 
@@ -51,5 +49,5 @@ pub enum VehicleError {
     },
     /// A vehicle in a child process failed or broke the protocol.
     #[error(transparent)]
-    Exec(#[from] ExecError),
+    Exec(#[from] exec::ExecError),
 }

@@ -2,12 +2,12 @@
 //! (Jitosho et al., Sec. III-B).
 
 use super::error::ModelError;
-use super::lag::{LagModel, STATE_LEN};
+use super::family::Model;
+use super::lag::LagModel;
 use super::options::FitOptions;
+use super::schedule::ScheduledModel;
 use super::selection::Candidate;
-use super::stability::spectral_radius;
 use crate::flight::Configuration;
-use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -15,9 +15,6 @@ use std::collections::BTreeMap;
 pub const LENGTH_TOLERANCE_M: f64 = 1e-3;
 /// Pressures closer than this are the same, kPa.
 pub const PRESSURE_TOLERANCE_KPA: f64 = 5e-3;
-
-/// Height at which every flight starts and its state rests, m.
-const HOVER_HEIGHT_M: f64 = 1.5;
 
 /// Whether a configuration outside the flown range may be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,14 +24,6 @@ pub enum Extrapolation {
     Refuse,
     /// The bilinear form is continued linearly.
     Allow,
-}
-
-/// One predictor, of whichever family.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "family", rename_all = "snake_case")]
-pub enum Model {
-    /// Polynomial in lagged states and commands.
-    Lag(LagModel),
 }
 
 /// How well one model's fit was determined.
@@ -238,69 +227,16 @@ impl Bank {
                 expected: 1,
             });
         }
-        let mut models: Vec<Model> = Vec::new();
-        let mut model_of_knot = Vec::with_capacity(configurations.len());
+        let mut schedule = ScheduledModel::default();
         for (knot, &configuration) in configurations.iter().enumerate() {
             if knot == 0 || configuration != configurations[knot - 1] {
-                models.push(self.at(configuration)?);
+                schedule.push(self.at(configuration)?);
+            } else {
+                schedule.repeat();
             }
-            model_of_knot.push(models.len() - 1);
         }
-        Ok(ScheduledModel {
-            models,
-            model_of_knot,
-        })
+        Ok(schedule)
     }
-}
-
-/// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ScheduledModel {
-    /// One model per change of configuration.
-    models: Vec<Model>,
-    /// Index into `models` per knot.
-    model_of_knot: Vec<usize>,
-}
-
-impl ScheduledModel {
-    /// The model at `knot`.
-    pub fn at_knot(&self, knot: usize) -> &Model {
-        let last = self.model_of_knot.len() - 1;
-        &self.models[self.model_of_knot[knot.min(last)]]
-    }
-}
-
-impl Model {
-    /// Number of past states that its state z holds.
-    pub fn lags(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.lags()
-    }
-
-    /// The state z at rest: copies of hovering at (0, 0, 1.5) with the arm hanging straight.
-    pub fn rest_state(&self, configuration: Configuration) -> Vec<f64> {
-        rest_state(configuration, self.lags())
-    }
-
-    /// Spectral radius of the transition matrix linearized at rest; above 1 predictions run away.
-    ///
-    /// # Errors
-    /// The eigenvalue iteration did not converge.
-    pub fn spectral_radius(&self, configuration: Configuration) -> Result<f64, ModelError> {
-        let mut command = vec![0.0; self.command_len()];
-        command[2] = HOVER_HEIGHT_M;
-        spectral_radius(self, &self.rest_state(configuration), &command).ok_or(ModelError::Factorization {
-            what: "eigenvalues at rest",
-            configuration,
-        })
-    }
-}
-
-/// `lags` copies of x at rest: hovering at (0, 0, 1.5), level, the arm hanging straight down.
-pub fn rest_state(configuration: Configuration, lags: usize) -> Vec<f64> {
-    let tip = HOVER_HEIGHT_M - configuration.length_m;
-    let rest: [f64; STATE_LEN] = [0.0, 0.0, HOVER_HEIGHT_M, 0.0, 0.0, 0.0, 0.0, 0.0, tip];
-    rest.repeat(lags)
 }
 
 /// Whether two configurations are the same within the tolerances.
@@ -340,77 +276,152 @@ fn ends(axis: &[f64]) -> [f64; 2] {
     [axis[0], axis[axis.len() - 1]]
 }
 
-impl Dynamics for Model {
-    fn state_len(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.state_len()
+#[cfg(test)]
+mod tests {
+    use super::super::lag::tests::random_model;
+    use super::super::lag::{CommandInputs, HEIGHT_ROW, STATE_LEN};
+    use super::*;
+    use crate::trajopt::Dynamics;
+
+    const fn configuration(length_m: f64, pressure_kpa: f64) -> Configuration {
+        Configuration {
+            length_m,
+            pressure_kpa,
+        }
     }
 
-    fn command_len(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.command_len()
+    const CORNERS: [Configuration; 4] = [
+        configuration(1.0, 0.4),
+        configuration(0.7, 0.0),
+        configuration(1.0, 0.0),
+        configuration(0.7, 0.4),
+    ];
+
+    fn model(configuration: Configuration, seed: u64) -> BankModel {
+        BankModel {
+            configuration,
+            model: Model::Lag(random_model(3, CommandInputs::Position, &[HEIGHT_ROW], seed)),
+            diagnostics: ModelDiagnostics::default(),
+        }
     }
 
-    fn fresh_len(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.fresh_len()
+    fn four_corners() -> Vec<BankModel> {
+        CORNERS
+            .iter()
+            .zip(1..)
+            .map(|(&corner, seed)| model(corner, seed))
+            .collect()
     }
 
-    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        let Self::Lag(model) = self;
-        model.step(knot, state, command, fresh);
+    fn bank(models: Vec<BankModel>) -> Result<Bank, ModelError> {
+        Bank::new(models, BankProvenance::default())
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let Self::Lag(model) = self;
-        model.jacobian(knot, state, command, jacobian);
+    fn predict(model: &Model) -> [f64; STATE_LEN] {
+        let state: Vec<f64> = (0..27).map(|i| (i as f64).sin()).collect();
+        let mut fresh = [0.0; STATE_LEN];
+        model.step(0, &state, &[0.1, -0.2, 1.5], &mut fresh);
+        fresh
     }
 
-    fn add_curvature(
-        &self,
-        knot: usize,
-        z: &[f64],
-        u: &[f64],
-        adjoint: &[f64],
-        scale: f64,
-        hessian: &mut [f64],
-    ) {
-        let Self::Lag(model) = self;
-        model.add_curvature(knot, z, u, adjoint, scale, hessian);
-    }
-}
-
-impl Dynamics for ScheduledModel {
-    fn state_len(&self) -> usize {
-        self.models[0].state_len()
-    }
-
-    fn command_len(&self) -> usize {
-        self.models[0].command_len()
+    #[test]
+    fn interpolated_coefficients_interpolate_predictions() {
+        let models = four_corners();
+        let corner = |index: usize| predict(&models[index].model);
+        let (il, es, el, is) = (corner(0), corner(1), corner(2), corner(3));
+        let between = predict(
+            &bank(models.clone())
+                .unwrap()
+                .at(configuration(0.775, 0.3))
+                .unwrap(),
+        );
+        for row in 0..STATE_LEN {
+            let short = 0.25 * es[row] + 0.75 * is[row];
+            let long = 0.25 * el[row] + 0.75 * il[row];
+            assert!((between[row] - (0.75 * short + 0.25 * long)).abs() < 1e-13);
+        }
     }
 
-    fn fresh_len(&self) -> usize {
-        self.models[0].fresh_len()
+    #[test]
+    fn a_corner_is_its_own_model_to_the_last_bit() {
+        let models = four_corners();
+        let bank = bank(models.clone()).unwrap();
+        for model in &models {
+            assert_eq!(bank.at(model.configuration).unwrap(), model.model);
+        }
     }
 
-    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        self.at_knot(knot).step(knot, state, command, fresh);
+    #[test]
+    fn outside_the_flown_range_is_an_error_unless_allowed() {
+        let bank = bank(four_corners()).unwrap();
+        for outside in [
+            configuration(1.1, 0.2),
+            configuration(0.8, -0.1),
+            configuration(f64::NAN, 0.0),
+        ] {
+            let message = bank.at(outside).unwrap_err().to_string();
+            assert!(
+                message.contains("length 0.700 to 1.000 m and pressure 0.000 to 0.400 kPa"),
+                "{message}"
+            );
+        }
+        let allowing = bank.with_extrapolation(Extrapolation::Allow);
+        assert!(allowing.at(configuration(1.1, 0.2)).is_ok());
+        assert!(allowing.at(configuration(f64::INFINITY, 0.2)).is_err());
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        self.at_knot(knot).jacobian(knot, state, command, jacobian);
+    #[test]
+    fn one_model_serves_its_own_configuration_only() {
+        let bank = bank(vec![model(CORNERS[1], 1)]).unwrap();
+        assert!(bank.at(CORNERS[1]).is_ok());
+        assert!(bank.at(CORNERS[2]).is_err());
     }
 
-    fn add_curvature(
-        &self,
-        knot: usize,
-        z: &[f64],
-        u: &[f64],
-        adjoint: &[f64],
-        scale: f64,
-        hessian: &mut [f64],
-    ) {
-        self.at_knot(knot)
-            .add_curvature(knot, z, u, adjoint, scale, hessian);
+    #[test]
+    fn two_models_interpolate_along_their_axis() {
+        let bank = bank(vec![model(CORNERS[1], 1), model(CORNERS[2], 2)]).unwrap();
+        assert!(bank.at(configuration(0.85, 0.0)).is_ok());
+        assert!(bank.at(configuration(0.85, 0.1)).is_err());
+    }
+
+    #[test]
+    fn what_is_no_grid_is_refused() {
+        let corners = four_corners();
+        let missing = bank(corners[..3].to_vec()).unwrap_err().to_string();
+        assert!(
+            missing.contains("no model at configuration (length 0.700 m, pressure 0.400 kPa)"),
+            "{missing}"
+        );
+        let twice = bank(vec![corners[0].clone(), corners[0].clone()]).unwrap_err();
+        assert!(matches!(twice, ModelError::DuplicateConfiguration { .. }));
+        let three = bank(vec![
+            model(configuration(0.8, 0.0), 1),
+            corners[1].clone(),
+            corners[2].clone(),
+        ]);
+        assert!(three.unwrap_err().to_string().contains("expected one or two"));
+        assert!(bank(Vec::new()).is_err());
+    }
+
+    #[test]
+    fn models_of_different_structure_are_not_mixed() {
+        let linear = BankModel {
+            model: Model::Lag(random_model(3, CommandInputs::Position, &[], 1)),
+            ..model(CORNERS[2], 1)
+        };
+        let message = bank(vec![model(CORNERS[1], 1), linear]).unwrap_err().to_string();
+        assert!(message.contains("quadratic rows [], not [8]"), "{message}");
+    }
+
+    #[test]
+    fn a_schedule_follows_its_configurations() {
+        let bank = bank(four_corners()).unwrap();
+        let schedule = [CORNERS[1], CORNERS[1], configuration(0.85, 0.2), CORNERS[0]];
+        let scheduled = bank.scheduled(&schedule).unwrap();
+        for (knot, &configuration) in schedule.iter().enumerate() {
+            assert_eq!(scheduled.at_knot(knot), &bank.at(configuration).unwrap());
+        }
+        assert_eq!(scheduled.at_knot(99), &bank.at(CORNERS[0]).unwrap());
+        assert!(bank.scheduled(&[]).is_err());
     }
 }

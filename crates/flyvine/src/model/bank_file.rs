@@ -3,6 +3,7 @@
 use super::bank::{Bank, BankModel, BankProvenance, InputFile};
 use super::error::ModelError;
 use crate::file::{sha256_hex, write_whole};
+use crate::flight::SIGNALS;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::path::Path;
 
@@ -36,7 +37,7 @@ fn units() -> Units {
         length: "m".into(),
         pressure: "kPa".into(),
         sample_time_s: crate::DT,
-        state: super::SIGNALS.map(String::from).to_vec(),
+        state: SIGNALS.map(String::from).to_vec(),
     }
 }
 
@@ -80,7 +81,7 @@ impl<'de> Deserialize<'de> for Bank {
             return Err(D::Error::custom(format!(
                 "bank units: expected metres, kPa, {} s and the state {}",
                 crate::DT,
-                super::SIGNALS.join(", ")
+                SIGNALS.join(", ")
             )));
         }
         Self::new(file.models, file.provenance).map_err(D::Error::custom)
@@ -132,5 +133,92 @@ impl InputFile {
             path: path.display().to_string(),
             sha256: sha256_hex(&contents),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bank::ModelDiagnostics;
+    use super::super::family::Model;
+    use super::super::lag::tests::random_model;
+    use super::super::lag::{CommandInputs, HEIGHT_ROW};
+    use super::*;
+    use crate::flight::Configuration;
+
+    fn bank() -> Bank {
+        let model = BankModel {
+            configuration: Configuration {
+                length_m: 0.7,
+                pressure_kpa: 0.0,
+            },
+            model: Model::Lag(random_model(3, CommandInputs::Position, &[HEIGHT_ROW], 1)),
+            diagnostics: ModelDiagnostics {
+                rows: 7,
+                ..ModelDiagnostics::default()
+            },
+        };
+        let inputs = vec![InputFile {
+            path: "a.csv".into(),
+            sha256: sha256_hex(b"a"),
+        }];
+        Bank::new(vec![model], BankProvenance::default())
+            .unwrap()
+            .with_inputs(inputs)
+    }
+
+    /// The message for the bank's JSON with `from` replaced by `to`.
+    fn message(from: &str, to: &str) -> String {
+        let text = serde_json::to_string(&bank()).unwrap();
+        assert!(text.contains(from), "{from} is not in the file");
+        serde_json::from_str::<Bank>(&text.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn a_file_gives_back_the_bank() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bank.json");
+        bank().write(&path).unwrap();
+        assert_eq!(Bank::read(&path).unwrap(), bank());
+    }
+
+    #[test]
+    fn other_versions_and_schemas_are_named() {
+        let newer = message("\"schema_version\":1", "\"schema_version\":2");
+        assert!(newer.contains("schema_version: found 2, expected 1"), "{newer}");
+        let other = message("flyvine-bank", "flyvine-plan");
+        assert!(
+            other.contains("found schema \"flyvine-plan\", expected a bank"),
+            "{other}"
+        );
+    }
+
+    #[test]
+    fn what_does_not_belong_is_refused() {
+        assert!(message("\"rows\":7", "\"rows\":7,\"colour\":1").contains("unknown field `colour`"));
+        assert!(message("\"kPa\"", "\"psi\"").contains("units"));
+        assert!(
+            message("\"lags\":3,\"inputs\"", "\"lags\":2,\"inputs\"")
+                .contains("row 0: found 30 values, expected 21")
+        );
+        assert!(message("\"family\":\"lag\"", "\"family\":\"oracle\"").contains("unknown variant `oracle`"));
+        assert!(message("\"offset\":[", "\"offset\":[null,").contains("null"));
+        let huge = message("\"offset\":[", "\"offset\":[1e999,");
+        assert!(huge.contains("number out of range"), "{huge}");
+    }
+
+    #[test]
+    fn errors_name_the_file() {
+        let missing = Bank::read(Path::new("no/such/bank.json"))
+            .unwrap_err()
+            .to_string();
+        assert!(missing.starts_with("no/such/bank.json: "), "{missing}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cut.json");
+        let text = serde_json::to_string(&bank()).unwrap();
+        std::fs::write(&path, &text[..text.len() / 2]).unwrap();
+        let cut = Bank::read(&path).unwrap_err().to_string();
+        assert!(cut.contains("cut.json") && cut.contains("EOF"), "{cut}");
     }
 }

@@ -1,7 +1,8 @@
 //! How well a bank predicts recordings: one-step residuals, rollout errors, stability.
 
-use super::bank::{Bank, Model};
+use super::bank::Bank;
 use super::error::ModelError;
+use super::family::Model;
 use super::one_step::one_step_rmse;
 use super::rollout::{RolloutError, summarize, window_errors};
 use super::track::Track;

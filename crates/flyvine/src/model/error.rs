@@ -112,6 +112,12 @@ pub enum ModelError {
         /// First row without it.
         row: usize,
     },
+    /// A flight has no rows.
+    #[error("flight {flight}: no rows")]
+    EmptyFlight {
+        /// Name of the flight.
+        flight: String,
+    },
     /// Something is wrong with one flight.
     #[error("flight {flight}: {source}")]
     Flight {

@@ -98,3 +98,57 @@ impl Coordinates {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_of_v_are_the_same_form_on_w() {
+        for (lags, inputs) in [
+            (3, CommandInputs::Position),
+            (5, CommandInputs::PositionAndVelocity),
+        ] {
+            let coordinates = Coordinates::new(lags, inputs);
+            let p = lags * STATE_LEN + inputs.len();
+            let w: Vec<f64> = (0..p).map(|i| (1.7 * i as f64).sin()).collect();
+            let a: Vec<f64> = (0..p * (p + 1) / 2).map(|i| (0.9 * i as f64).cos()).collect();
+            let mut v = vec![0.0; p];
+            coordinates.apply(&w, &mut v);
+            let value = |coefficients: &[f64], x: &[f64]| -> f64 {
+                let mut terms = vec![0.0; quadratic_len(p)];
+                quadratic_terms(x, x, &mut terms);
+                terms[1 + p..]
+                    .iter()
+                    .zip(coefficients)
+                    .map(|(term, a)| term * a)
+                    .sum()
+            };
+            let (on_v, on_w) = (value(&a, &v), value(&coordinates.quadratic_on_w(&a), &w));
+            assert!(
+                (on_v - on_w).abs() < 1e-9 * on_v.abs().max(1.0),
+                "{on_v} against {on_w}"
+            );
+        }
+    }
+
+    #[test]
+    fn v_is_relative_and_differences() {
+        // x_k = k² in every entry of every state, k = 3, 2, 1.
+        let coordinates = Coordinates::new(3, CommandInputs::Position);
+        let w = [[9.0; 9], [4.0; 9], [1.0; 9]]
+            .concat()
+            .into_iter()
+            .chain([10.0; 3])
+            .collect::<Vec<f64>>();
+        let mut v = [0.0; 30];
+        coordinates.apply(&w, &mut v);
+        let newest = [9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 0.0, 0.0, 0.0];
+        let expected = [newest, [5.0; 9], [2.0; 9]]
+            .concat()
+            .into_iter()
+            .chain([1.0; 3])
+            .collect::<Vec<f64>>();
+        assert_eq!(v.as_slice(), expected);
+    }
+}

@@ -1,11 +1,11 @@
 //! From flights to a bank.
 
 use super::bank::{
-    Bank, BankModel, BankProvenance, LENGTH_TOLERANCE_M, Model, ModelDiagnostics, PRESSURE_TOLERANCE_KPA,
-    same,
+    Bank, BankModel, BankProvenance, LENGTH_TOLERANCE_M, ModelDiagnostics, PRESSURE_TOLERANCE_KPA, same,
 };
 use super::corner::{Corner, Ridges, Shape};
-use super::error::ModelError;
+use super::error::{ModelError, display};
+use super::family::Model;
 use super::lag::CommandInputs;
 use super::one_step::one_step_rmse;
 use super::options::{FitOptions, Ridge, Structure, VelocityInput};
@@ -66,6 +66,39 @@ pub enum Finding {
     },
     /// No stretch of valid rows is long enough for a held-out 2.5-s rollout: nothing was chosen by rollout error.
     TooShortToCrossCheck,
+}
+
+impl std::fmt::Display for Finding {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::PlainLeastSquaresUnusable {
+                error,
+                standing_still,
+            } => write!(
+                f,
+                "plain least squares in the paper's form does not predict held-out flights: {error}; \
+                 predicting that nothing moves: {standing_still}"
+            ),
+            Self::NotToBeTrusted { error } => {
+                write!(
+                    f,
+                    "the chosen model does not predict held-out flights either: {error}"
+                )
+            }
+            Self::Unstable {
+                configuration,
+                spectral_radius,
+            } => write!(
+                f,
+                "the model at {} is unstable at rest: spectral radius {spectral_radius:.4}",
+                display(configuration)
+            ),
+            Self::TooShortToCrossCheck => write!(
+                f,
+                "no flight has 2.5 s of unbroken rows to roll out on: structure and ridge could not be judged"
+            ),
+        }
+    }
 }
 
 /// Fits one model per corner of the flown (pressure, length) range and joins them in a bank.
@@ -362,4 +395,193 @@ fn refuse_duplicates(flights: &[Flight]) -> Result<(), ModelError> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lag::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN};
+    use super::super::rollout::advance;
+    use super::*;
+    use crate::flight::{Pose, Sample};
+    use crate::trajopt::Dynamics;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const ES: Configuration = Configuration {
+        length_m: 0.7,
+        pressure_kpa: 0.0,
+    };
+    const EL: Configuration = Configuration {
+        length_m: 1.0,
+        pressure_kpa: 0.0,
+    };
+
+    /// A stable system of the paper's structure: every signal is damped and driven by the command and its
+    /// neighbour; the height row has an offset and a few products.
+    fn system() -> LagModel {
+        let p = 30;
+        let mut linear = vec![0.0; STATE_LEN * p];
+        for row in 0..STATE_LEN {
+            linear[row * p + row] = 0.9;
+            linear[row * p + 9 + row] = -0.25;
+            linear[row * p + 18 + (row + 1) % 9] = 0.05;
+            linear[row * p + 27 + row % 3] = 0.1;
+        }
+        let mut upper_triangle = vec![0.0; 465];
+        for (index, a) in upper_triangle.iter_mut().enumerate() {
+            *a = if index % 7 == 0 {
+                0.01 * (index as f64).sin()
+            } else {
+                0.0
+            };
+        }
+        let mut offset = vec![0.0; STATE_LEN];
+        offset[HEIGHT_ROW] = 0.2;
+        let quadratic = [QuadraticTerms {
+            row: HEIGHT_ROW,
+            upper_triangle,
+        }];
+        LagModel::new(3, CommandInputs::Position, offset, linear, &quadratic).unwrap()
+    }
+
+    fn sample(row: usize, configuration: Configuration, command: [f64; 3], x: &[f64]) -> Sample {
+        Sample {
+            t_s: row as f64 * crate::DT,
+            configuration,
+            command,
+            command_velocity: None,
+            quadrotor: Some(Pose {
+                position: [x[0], x[1], x[2]],
+                attitude: [1.0, x[3], x[4], x[5]],
+            }),
+            end_effector: Some([x[6], x[7], x[8]]),
+        }
+    }
+
+    /// Random steps of the command through [`system`], with `noise` on what is measured.
+    fn flight(name: &str, configuration: Configuration, rows: usize, seed: u64, noise: f64) -> Flight {
+        let model = system();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut state = vec![0.0; 27];
+        let mut samples = Vec::with_capacity(rows);
+        for row in 0..rows {
+            let command = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+            let mut measured = |value: f64| value + noise * random.random_range(-1.0..1.0);
+            let x: [f64; STATE_LEN] = std::array::from_fn(|signal| measured(state[signal]));
+            samples.push(sample(row, configuration, command, &x));
+            let mut fresh = [0.0; STATE_LEN];
+            model.step(row, &state, &command, &mut fresh);
+            advance(&mut state, &fresh);
+        }
+        Flight {
+            name: name.into(),
+            samples,
+        }
+    }
+
+    /// Every five rows: three random states, what [`system`] makes of them, and a wild row whose tip hygiene
+    /// has rejected.
+    fn scattered(transitions: usize, seed: u64) -> Flight {
+        let model = system();
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut samples = Vec::new();
+        for _ in 0..transitions {
+            let z: Vec<f64> = (0..27).map(|_| random.random_range(-1.0..1.0)).collect();
+            let command = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+            let mut next = [0.0; STATE_LEN];
+            model.step(0, &z, &command, &mut next);
+            for x in [&z[18..], &z[9..18], &z[..9], &next, &[1e3; 9]] {
+                let row = samples.len();
+                samples.push(sample(row, ES, command, x));
+            }
+            samples.last_mut().unwrap().end_effector = None;
+        }
+        Flight {
+            name: "scattered".into(),
+            samples,
+        }
+    }
+
+    fn plain() -> FitOptions {
+        FitOptions {
+            height_ridge: Ridge::Value(0.0),
+            linear_ridge: Ridge::Value(0.0),
+            ..FitOptions::default()
+        }
+    }
+
+    #[test]
+    fn plain_least_squares_recovers_the_system_from_valid_rows_only() {
+        let (bank, report) = fit_bank(&[scattered(700, 1)], &plain()).unwrap();
+        let Model::Lag(fitted) = &bank.models()[0].model;
+        let system = system();
+        let far = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(far(fitted.linear(), system.linear()) < 1e-10);
+        assert!(far(fitted.offset(), system.offset()) < 1e-10);
+        let (terms, expected) = (&fitted.quadratic()[0], &system.quadratic()[0]);
+        assert!(far(&terms.upper_triangle, &expected.upper_triangle) < 1e-10);
+        assert_eq!(report.findings, [Finding::TooShortToCrossCheck]);
+        let diagnostics = &bank.models()[0].diagnostics;
+        assert_eq!((diagnostics.rows, diagnostics.coefficients), (700, 496));
+    }
+
+    #[test]
+    fn the_same_bits_whatever_the_number_of_threads() {
+        let mut flights: Vec<Flight> = (0..3).map(|seed| flight("f", ES, 320, seed, 1e-3)).collect();
+        flights.extend((3..6).map(|seed| flight("g", EL, 320, seed, 1e-3)));
+        let fit = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| fit_bank(&flights, &FitOptions::default()).unwrap())
+        };
+        assert_eq!(fit(1), fit(3));
+    }
+
+    #[test]
+    fn what_cannot_be_fitted_is_said() {
+        let fail =
+            |flights: &[Flight], options: &FitOptions| fit_bank(flights, options).unwrap_err().to_string();
+        let short = [flight("f", ES, 300, 1, 0.0)];
+        let message = fail(&short, &plain());
+        assert!(
+            message.contains("297 usable rows in 1 flights for 496 coefficients"),
+            "{message}"
+        );
+        assert!(fail(&[], &plain()).contains("0 flights"));
+        let twice = [flight("a", ES, 300, 1, 0.0), flight("b", ES, 300, 1, 0.0)];
+        assert!(fail(&twice, &plain()).contains("flights a and b hold the same samples"));
+        let mut deploying = flight("d", ES, 300, 1, 0.0);
+        deploying.samples[299].configuration = EL;
+        assert!(fail(&[deploying], &plain()).contains("no flight with a constant configuration"));
+        let velocity = FitOptions {
+            command_velocity: VelocityInput::On,
+            ..plain()
+        };
+        assert!(fail(&short, &velocity).contains("flight f: no commanded velocity in row 0"));
+        let negative = FitOptions {
+            height_ridge: Ridge::Value(-1.0),
+            ..plain()
+        };
+        assert!(fail(&short, &negative).contains("height_ridge: found -1"));
+        let empty = Flight {
+            name: "empty".into(),
+            samples: Vec::new(),
+        };
+        assert!(fail(&[short[0].clone(), empty], &plain()).contains("flight empty: no rows"));
+        let diagonal = Configuration {
+            length_m: 1.0,
+            pressure_kpa: 0.4,
+        };
+        let apart = [flight("f", ES, 300, 1, 0.0), flight("g", diagonal, 300, 2, 0.0)];
+        assert!(fail(&apart, &plain()).contains("no model at configuration"));
+    }
+
+    #[test]
+    fn options_refuse_unknown_keys() {
+        assert!(toml::from_str::<FitOptions>("lagz = 4").is_err());
+        let options: FitOptions = toml::from_str("lags = 4\nheight_ridge = { value = 0.1 }").unwrap();
+        assert_eq!((options.lags, options.height_ridge), (4, Ridge::Value(0.1)));
+    }
 }

@@ -10,6 +10,7 @@
 //! end-effector height, whose 1 + 30 + 465 coefficients are all free.
 
 use super::error::{ModelError, require_finite, require_len};
+use crate::kernel;
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
 
@@ -19,8 +20,8 @@ pub const STATE_LEN: usize = 9;
 pub const HEIGHT_ROW: usize = 8;
 /// Most lags a model may have.
 pub const MAX_LAGS: usize = 12;
-/// Longest regressor `w = (z, u)`.
-const MAX_REGRESSOR_LEN: usize = MAX_LAGS * STATE_LEN + 6;
+/// Room for the longest regressor `w = (z, u)`, padded.
+const MAX_REGRESSOR_LEN: usize = 120;
 
 /// What a model takes as its command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,7 +52,7 @@ impl CommandInputs {
 #[derive(Debug, Clone, PartialEq)]
 struct QuadraticRow {
     row: usize,
-    /// p × p, row-major, symmetric.
+    /// p rows of p, symmetric; rows padded as [`kernel`] wants them.
     hessian: Vec<f64>,
 }
 
@@ -63,7 +64,7 @@ pub struct LagModel {
     inputs: CommandInputs,
     /// c (9).
     offset: Vec<f64>,
-    /// l (9 × p), row-major.
+    /// l (9 rows of p), rows padded as [`kernel`] wants them.
     linear: Vec<f64>,
     quadratic: Vec<QuadraticRow>,
 }
@@ -106,7 +107,7 @@ impl LagModel {
             let what = format!("quadratic coefficients of row {}", terms.row);
             require_len(&what, &terms.upper_triangle, p * (p + 1) / 2)?;
             require_finite(&what, &terms.upper_triangle)?;
-            let hessian = hessian_from_upper_triangle(&terms.upper_triangle, p);
+            let hessian = padded_rows(&hessian_from_upper_triangle(&terms.upper_triangle, p), p);
             rows.push(QuadraticRow {
                 row: terms.row,
                 hessian,
@@ -116,7 +117,7 @@ impl LagModel {
             lags,
             inputs,
             offset,
-            linear,
+            linear: padded_rows(&linear, p),
             quadratic: rows,
         })
     }
@@ -142,8 +143,10 @@ impl LagModel {
     }
 
     /// Linear coefficients (9 × p), row-major.
-    pub fn linear(&self) -> &[f64] {
-        &self.linear
+    pub fn linear(&self) -> Vec<f64> {
+        let p = self.regressor_len();
+        let rows = self.linear.chunks_exact(kernel::padded(p));
+        rows.flat_map(|row| &row[..p]).copied().collect()
     }
 
     /// Quadratic coefficients of the rows that have them.
@@ -152,7 +155,7 @@ impl LagModel {
         let upper_triangle = |hessian: &[f64]| {
             (0..p)
                 .flat_map(|i| (i..p).map(move |j| (i, j)))
-                .map(|(i, j)| hessian[i * p + j] * if i == j { 0.5 } else { 1.0 })
+                .map(|(i, j)| hessian[i * kernel::padded(p) + j] * if i == j { 0.5 } else { 1.0 })
                 .collect()
         };
         self.quadratic
@@ -221,25 +224,40 @@ impl Dynamics for LagModel {
     fn step(&self, _knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
         let mut buffer = [0.0; MAX_REGRESSOR_LEN];
         let w = regressor(state, command, &mut buffer);
-        let p = w.len();
-        for row in 0..STATE_LEN {
-            fresh[row] = self.offset[row] + dot(&self.linear[row * p..(row + 1) * p], w);
-        }
-        for QuadraticRow { row, hessian } in &self.quadratic {
-            let doubled: f64 = (0..p).map(|i| w[i] * dot(&hessian[i * p..(i + 1) * p], w)).sum();
-            fresh[*row] += 0.5 * doubled;
+        self.linear_step(w, fresh);
+        for quadratic in &self.quadratic {
+            let mut slope = [0.0; MAX_REGRESSOR_LEN];
+            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
         }
     }
 
     fn jacobian(&self, _knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
         let mut buffer = [0.0; MAX_REGRESSOR_LEN];
         let w = regressor(state, command, &mut buffer);
-        let p = w.len();
-        jacobian.copy_from_slice(&self.linear);
-        for QuadraticRow { row, hessian } in &self.quadratic {
-            for i in 0..p {
-                jacobian[row * p + i] += dot(&hessian[i * p..(i + 1) * p], w);
-            }
+        self.copy_linear(jacobian);
+        for quadratic in &self.quadratic {
+            let mut slope = [0.0; MAX_REGRESSOR_LEN];
+            quadratic.value(w, &mut slope[..w.len()]);
+            self.add_slope(quadratic.row, &slope, jacobian);
+        }
+    }
+
+    fn linearize(
+        &self,
+        _knot: usize,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
+        let w = regressor(state, command, &mut buffer);
+        self.linear_step(w, fresh);
+        self.copy_linear(jacobian);
+        for quadratic in &self.quadratic {
+            let mut slope = [0.0; MAX_REGRESSOR_LEN];
+            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
+            self.add_slope(quadratic.row, &slope, jacobian);
         }
     }
 
@@ -252,12 +270,52 @@ impl Dynamics for LagModel {
         scale: f64,
         hessian: &mut [f64],
     ) {
+        let p = self.regressor_len();
         for quadratic in &self.quadratic {
             let factor = scale * adjoint[quadratic.row];
-            for (sum, value) in hessian.iter_mut().zip(&quadratic.hessian) {
-                *sum += factor * value;
+            let rows = quadratic.hessian.chunks_exact(kernel::padded(p));
+            for (sums, values) in hessian.chunks_exact_mut(p).zip(rows) {
+                for (sum, value) in sums.iter_mut().zip(values) {
+                    *sum += factor * value;
+                }
             }
         }
+    }
+}
+
+impl LagModel {
+    /// `c + L w`, with w padded.
+    fn linear_step(&self, w: &[f64], fresh: &mut [f64]) {
+        kernel::multiply(&self.linear, w, fresh);
+        for (entry, offset) in fresh.iter_mut().zip(&self.offset) {
+            *entry += offset;
+        }
+    }
+
+    /// L, without the padding.
+    fn copy_linear(&self, jacobian: &mut [f64]) {
+        let p = self.regressor_len();
+        for (row, linear) in jacobian
+            .chunks_exact_mut(p)
+            .zip(self.linear.chunks_exact(kernel::padded(p)))
+        {
+            row.copy_from_slice(&linear[..p]);
+        }
+    }
+
+    fn add_slope(&self, row: usize, slope: &[f64], jacobian: &mut [f64]) {
+        let p = self.regressor_len();
+        for (entry, slope) in jacobian[row * p..(row + 1) * p].iter_mut().zip(slope) {
+            *entry += slope;
+        }
+    }
+}
+
+impl QuadraticRow {
+    /// `½ wᵀ H w`, with w padded; adds its gradient `H w` to `slope`.
+    fn value(&self, w: &[f64], slope: &mut [f64]) -> f64 {
+        kernel::add_transpose_vector(&self.hessian, &w[..self.hessian.len() / w.len()], slope);
+        0.5 * w.iter().zip(slope).map(|(w, slope)| w * *slope).sum::<f64>()
     }
 }
 
@@ -273,12 +331,24 @@ pub(crate) fn require_lags(lags: usize) -> Result<(), ModelError> {
     })
 }
 
-/// `w = (z, u)` in `buffer`.
+/// `w = (z, u, 0…)` in `buffer`, padded.
 fn regressor<'a>(state: &[f64], command: &[f64], buffer: &'a mut [f64; MAX_REGRESSOR_LEN]) -> &'a [f64] {
     let (n, m) = (state.len(), command.len());
     buffer[..n].copy_from_slice(state);
     buffer[n..n + m].copy_from_slice(command);
-    &buffer[..n + m]
+    &buffer[..kernel::padded(n + m)]
+}
+
+/// Rows of `len`, each padded.
+fn padded_rows(rows: &[f64], len: usize) -> Vec<f64> {
+    let mut padded = vec![0.0; rows.len() / len * kernel::padded(len)];
+    for (to, from) in padded
+        .chunks_exact_mut(kernel::padded(len))
+        .zip(rows.chunks_exact(len))
+    {
+        to[..len].copy_from_slice(from);
+    }
+    padded
 }
 
 fn hessian_from_upper_triangle(upper_triangle: &[f64], p: usize) -> Vec<f64> {
@@ -291,24 +361,6 @@ fn hessian_from_upper_triangle(upper_triangle: &[f64], p: usize) -> Vec<f64> {
         }
     }
     hessian
-}
-
-/// Four partial sums, so that the compiler can use vector registers.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (a_blocks, b_blocks) = (a.chunks_exact(4), b.chunks_exact(4));
-    let tail: f64 = a_blocks
-        .remainder()
-        .iter()
-        .zip(b_blocks.remainder())
-        .map(|(x, y)| x * y)
-        .sum();
-    for (x, y) in a_blocks.zip(b_blocks) {
-        for lane in 0..4 {
-            sums[lane] += x[lane] * y[lane];
-        }
-    }
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + tail
 }
 
 /// A model as it stands in a file.
@@ -329,7 +381,7 @@ impl From<LagModel> for LagModelFile {
             lags: model.lags,
             inputs: model.inputs,
             linear: model
-                .linear
+                .linear()
                 .chunks(model.regressor_len())
                 .map(<[f64]>::to_vec)
                 .collect(),
@@ -355,5 +407,164 @@ impl TryFrom<LagModelFile> for LagModel {
             file.linear.concat(),
             &file.quadratic,
         )
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// A model with random coefficients and quadratic terms in `quadratic_rows`.
+    pub(crate) fn random_model(
+        lags: usize,
+        inputs: CommandInputs,
+        quadratic_rows: &[usize],
+        seed: u64,
+    ) -> LagModel {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut draw = |count: usize| {
+            (0..count)
+                .map(|_| random.random_range(-1.0..1.0))
+                .collect::<Vec<f64>>()
+        };
+        let p = lags * STATE_LEN + inputs.len();
+        let (offset, linear) = (draw(STATE_LEN), draw(STATE_LEN * p));
+        let quadratic: Vec<QuadraticTerms> = quadratic_rows
+            .iter()
+            .map(|&row| QuadraticTerms {
+                row,
+                upper_triangle: draw(p * (p + 1) / 2),
+            })
+            .collect();
+        LagModel::new(lags, inputs, offset, linear, &quadratic).unwrap()
+    }
+
+    fn random_point(model: &LagModel, seed: u64) -> (Vec<f64>, Vec<f64>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut draw = |count: usize| (0..count).map(|_| random.random_range(-1.0..1.0)).collect();
+        (draw(model.state_len()), draw(model.command_len()))
+    }
+
+    #[test]
+    fn step_is_the_polynomial() {
+        let model = random_model(3, CommandInputs::Position, &[HEIGHT_ROW], 1);
+        let (z, u) = random_point(&model, 2);
+        let w = [z.clone(), u.clone()].concat();
+        let mut fresh = [0.0; STATE_LEN];
+        model.step(0, &z, &u, &mut fresh);
+        let terms = &model.quadratic()[0].upper_triangle;
+        let pairs = (0..30).flat_map(|i| (i..30).map(move |j| (i, j)));
+        let products: f64 = pairs.zip(terms).map(|((i, j), a)| a * w[i] * w[j]).sum();
+        for row in 0..STATE_LEN {
+            let linear: f64 = w
+                .iter()
+                .zip(&model.linear()[row * 30..])
+                .map(|(w, l)| w * l)
+                .sum();
+            let expected = model.offset()[row] + linear + if row == HEIGHT_ROW { products } else { 0.0 };
+            assert!(
+                (fresh[row] - expected).abs() < 1e-12,
+                "row {row}: {} against {expected}",
+                fresh[row]
+            );
+        }
+        assert_eq!(
+            terms.len() + 30 + 1,
+            496,
+            "coefficients of the paper's height row"
+        );
+    }
+
+    #[test]
+    fn jacobian_and_curvature_agree_with_finite_differences() {
+        for (lags, inputs, rows) in [
+            (3, CommandInputs::Position, vec![HEIGHT_ROW]),
+            (5, CommandInputs::PositionAndVelocity, vec![0, 6, HEIGHT_ROW]),
+            (1, CommandInputs::Position, vec![]),
+        ] {
+            let model = random_model(lags, inputs, &rows, 3);
+            let (z, u) = random_point(&model, 4);
+            let (n, p) = (model.state_len(), model.regressor_len());
+            let adjoint: Vec<f64> = (0..STATE_LEN).map(|i| 0.3 * i as f64 - 1.0).collect();
+            let mut jacobian = vec![0.0; STATE_LEN * p];
+            model.jacobian(0, &z, &u, &mut jacobian);
+            let mut curvature = vec![0.0; p * p];
+            model.add_curvature(0, &z, &u, &adjoint, 2.0, &mut curvature);
+            // Polynomials of degree two: central differences are exact but for rounding.
+            let h = 1e-3;
+            let at = |column: usize, delta: f64| {
+                let mut w = [z.clone(), u.clone()].concat();
+                w[column] += delta;
+                let (mut fresh, mut jacobian) = (vec![0.0; STATE_LEN], vec![0.0; STATE_LEN * p]);
+                model.step(0, &w[..n], &w[n..], &mut fresh);
+                model.jacobian(0, &w[..n], &w[n..], &mut jacobian);
+                (fresh, jacobian)
+            };
+            for column in 0..p {
+                let ((plus, jacobian_plus), (minus, jacobian_minus)) = (at(column, h), at(column, -h));
+                for row in 0..STATE_LEN {
+                    let difference = (plus[row] - minus[row]) / (2.0 * h);
+                    let exact = jacobian[row * p + column];
+                    assert!(
+                        (difference - exact).abs() < 1e-6 * exact.abs().max(1.0),
+                        "row {row}, {column}"
+                    );
+                }
+                for other in 0..p {
+                    let along = |jacobian: &[f64]| -> f64 {
+                        (0..STATE_LEN)
+                            .map(|row| 2.0 * adjoint[row] * jacobian[row * p + other])
+                            .sum()
+                    };
+                    let difference = (along(&jacobian_plus) - along(&jacobian_minus)) / (2.0 * h);
+                    let exact = curvature[column * p + other];
+                    assert!(
+                        (difference - exact).abs() < 1e-6 * exact.abs().max(1.0),
+                        "{column}, {other}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn json_keeps_every_bit() {
+        let model = random_model(3, CommandInputs::Position, &[HEIGHT_ROW], 5);
+        let text = serde_json::to_string(&model).unwrap();
+        assert_eq!(serde_json::from_str::<LagModel>(&text).unwrap(), model);
+    }
+
+    #[test]
+    fn wrong_shapes_and_values_are_named() {
+        let message = |offset: usize, linear: usize, terms: usize, value: f64| {
+            let quadratic = QuadraticTerms {
+                row: HEIGHT_ROW,
+                upper_triangle: vec![0.0; terms],
+            };
+            LagModel::new(
+                3,
+                CommandInputs::Position,
+                vec![value; offset],
+                vec![0.0; linear],
+                &[quadratic],
+            )
+            .unwrap_err()
+            .to_string()
+        };
+        assert!(message(8, 270, 465, 0.0).contains("offset: found 8 values, expected 9"));
+        assert!(message(9, 269, 465, 0.0).contains("found 269 values, expected 270"));
+        assert!(message(9, 270, 464, 0.0).contains("row 8: found 464 values, expected 465"));
+        assert!(message(9, 270, 465, f64::NAN).contains("offset: value 0 is not a finite number"));
+        let lags = LagModel::new(0, CommandInputs::Position, vec![], vec![], &[]).unwrap_err();
+        assert!(lags.to_string().contains("lags: found 0, expected 1 to 12"));
+        let terms = QuadraticTerms {
+            row: 8,
+            upper_triangle: vec![0.0; 465],
+        };
+        let twice = [terms.clone(), terms];
+        let duplicate = LagModel::new(3, CommandInputs::Position, vec![0.0; 9], vec![0.0; 270], &twice);
+        assert!(duplicate.unwrap_err().to_string().contains("at most once"));
     }
 }

@@ -239,3 +239,110 @@ fn with_intercept(scaled: Mat<f64>, scale: &[f64], mean: Option<&dyn Fn(usize) -
     }
     theta
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const REGRESSORS: usize = 6;
+
+    /// Random `[1, x_1 … x_5 | y_1 y_2]` with columns of very different size.
+    fn rows(count: usize, seed: u64) -> Mat<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        Mat::from_fn(count, REGRESSORS + 2, |_, column| match column {
+            0 => 1.0,
+            _ => 10.0_f64.powi(column as i32 % 4 - 2) * (3.0 + random.random_range(-1.0..1.0)),
+        })
+    }
+
+    fn penalty(strength: f64) -> Penalty {
+        Penalty {
+            intercept: true,
+            strengths: vec![strength; REGRESSORS - 1],
+        }
+    }
+
+    /// Gradient of the penalized sum of squares, which vanishes at the solution, per equilibrated column.
+    fn largest_gradient(rows: &Mat<f64>, theta: &Mat<f64>, strength: f64) -> f64 {
+        let (x, y) = (rows.subcols(0, REGRESSORS), rows.subcols(REGRESSORS, 2));
+        let gradient = x.transpose() * (y - x * theta);
+        let mut largest: f64 = 0.0;
+        for column in 0..REGRESSORS {
+            let values: Vec<f64> = x.col(column).iter().copied().collect();
+            let mean = if column == 0 {
+                0.0
+            } else {
+                values.iter().sum::<f64>() / values.len() as f64
+            };
+            let square: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+            let held_back = if column == 0 { 0.0 } else { strength * square };
+            for target in 0..2 {
+                let total = gradient[(column, target)] - held_back * theta[(column, target)];
+                largest = largest.max(total.abs() / square.sqrt());
+            }
+        }
+        largest
+    }
+
+    #[test]
+    fn the_solution_is_stationary() {
+        let rows = rows(40, 1);
+        let factor = TriangularFactor::of_rows(rows.clone(), REGRESSORS);
+        for strength in [0.0, 1e-3, 1.0] {
+            let theta = factor.solve(&penalty(strength));
+            assert!(largest_gradient(&rows, &theta, strength) < 1e-12);
+            let trial = factor.gram().solve(&penalty(strength));
+            assert!(largest_gradient(&rows, &trial, strength) < 1e-9);
+        }
+    }
+
+    #[test]
+    fn merging_and_leaving_out_are_the_same_fit() {
+        let whole = rows(60, 2);
+        let part = |from: usize, count: usize| {
+            TriangularFactor::of_rows(whole.subrows(from, count).to_owned(), REGRESSORS)
+        };
+        let parts = [part(0, 20), part(20, 3), part(23, 37)];
+        let merged = TriangularFactor::merge(&parts).solve(&penalty(1e-2));
+        let direct = TriangularFactor::of_rows(whole.clone(), REGRESSORS).solve(&penalty(1e-2));
+        assert!((&merged - &direct).norm_max() < 1e-12);
+        let kept = TriangularFactor::merge([&parts[0], &parts[2]]);
+        assert_eq!(kept.rows, 57);
+        let left_out = TriangularFactor::merge(&parts).gram().without(&parts[1].gram());
+        let difference = kept.solve(&penalty(1e-2)) - left_out.solve(&penalty(1e-2));
+        assert!(difference.norm_max() < 1e-9);
+    }
+
+    #[test]
+    fn constant_and_dependent_columns_do_not_blow_up() {
+        let mut rows = rows(40, 3);
+        for row in 0..40 {
+            rows[(row, 2)] = 7.0;
+            rows[(row, 4)] = 2.0 * rows[(row, 3)] - 1.0;
+        }
+        let factor = TriangularFactor::of_rows(rows, REGRESSORS);
+        for theta in [factor.solve(&penalty(0.0)), factor.gram().solve(&penalty(0.0))] {
+            assert_eq!(theta[(2, 0)], 0.0, "a constant column gets no coefficient");
+            assert!(theta.norm_max() < 1e3);
+        }
+        assert!(factor.condition_number(true).unwrap() > 1e12);
+    }
+
+    #[test]
+    fn equilibration_makes_units_irrelevant() {
+        let rows = rows(50, 4);
+        let other_units = Mat::from_fn(50, REGRESSORS + 2, |i, j| {
+            rows[(i, j)] * if j == 3 { 1e6 } else { 1.0 }
+        });
+        let (factor, other) = (
+            TriangularFactor::of_rows(rows, REGRESSORS),
+            TriangularFactor::of_rows(other_units, REGRESSORS),
+        );
+        let (theta, other_theta) = (factor.solve(&penalty(0.1)), other.solve(&penalty(0.1)));
+        assert!((theta[(3, 0)] - 1e6 * other_theta[(3, 0)]).abs() < 1e-9 * theta[(3, 0)].abs());
+        let (condition, other_condition) = (factor.condition_number(true), other.condition_number(true));
+        assert!((condition.unwrap() / other_condition.unwrap() - 1.0).abs() < 1e-6);
+    }
+}

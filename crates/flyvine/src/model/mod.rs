@@ -17,34 +17,32 @@ mod bank_file;
 mod check;
 mod corner;
 mod error;
+mod family;
 mod features;
 mod fit;
 mod lag;
 mod least_squares;
 mod one_step;
 mod options;
+pub mod physical;
 mod rollout;
+mod schedule;
 mod selection;
 mod stability;
-#[cfg(test)]
-mod test_data;
 mod track;
 
 pub use bank::{
-    Bank, BankModel, BankProvenance, Extrapolation, InputFile, LENGTH_TOLERANCE_M, Model, ModelDiagnostics,
-    PRESSURE_TOLERANCE_KPA, ScheduledModel, rest_state,
+    Bank, BankModel, BankProvenance, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
+    PRESSURE_TOLERANCE_KPA,
 };
 pub use bank_file::BANK_SCHEMA_VERSION;
 pub use check::{CheckReport, FlightCheck, ModelCheck, check};
 pub use error::ModelError;
+pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use options::{FitOptions, Ridge, Structure, VelocityInput};
 pub use rollout::RolloutError;
+pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError};
 pub use stability::spectral_radius;
-
-/// Names of the nine entries of x, in order.
-pub const SIGNALS: [&str; STATE_LEN] = [
-    "qr_x", "qr_y", "qr_z", "qr_qx", "qr_qy", "qr_qz", "ee_x", "ee_y", "ee_z",
-];

@@ -1,8 +1,8 @@
 //! One-step predictions against the recording.
 
-use super::SIGNALS;
 use super::lag::STATE_LEN;
 use super::track::Track;
+use crate::flight::SIGNALS;
 use crate::trajopt::Dynamics;
 use std::collections::BTreeMap;
 

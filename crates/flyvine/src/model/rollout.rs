@@ -198,3 +198,74 @@ pub(crate) fn standing_still_errors(
         horizons,
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flight::{Configuration, Flight, Pose, Sample};
+    use crate::model::lag::CommandInputs;
+
+    /// An end effector that moves along x at 1 m/s below a hovering quadrotor.
+    fn drifting(rows: usize) -> Flight {
+        let sample = |row: usize| Sample {
+            t_s: row as f64 * crate::DT,
+            configuration: Configuration {
+                length_m: 0.7,
+                pressure_kpa: 0.0,
+            },
+            command: [0.0, 0.0, 1.5],
+            command_velocity: None,
+            quadrotor: Some(Pose {
+                position: [0.0, 0.0, 1.5],
+                attitude: [1.0, 0.0, 0.0, 0.0],
+            }),
+            end_effector: Some([row as f64 * crate::DT, 0.0, 0.8]),
+        };
+        Flight {
+            name: "drifting".into(),
+            samples: (0..rows).map(sample).collect(),
+        }
+    }
+
+    #[test]
+    fn standing_still_errs_by_the_mean_distance() {
+        let flight = drifting(100);
+        let track = Track::new(&flight, CommandInputs::Position).unwrap();
+        let windows = standing_still_errors(&track, 0..100, &[10, 30]);
+        // Steps 1 … H at 0.05 m each: mean 0.05 (H + 1) / 2; over 1 m from step 21 on.
+        assert_eq!(windows[0].len(), 9);
+        assert_eq!(windows[1].len(), 7);
+        for window in &windows[0] {
+            assert!((window.mean_m - 0.05 * 5.5).abs() < 1e-12 && !window.diverged);
+        }
+        for window in &windows[1] {
+            assert!((window.mean_m - 0.05 * 15.5).abs() < 1e-12 && window.diverged);
+        }
+        let summary = summarize(&track, 30, &windows[1]);
+        assert_eq!((summary.windows, summary.diverged_share), (7, 1.0));
+        assert!((summary.horizon_s - 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn windows_with_a_rejected_row_are_skipped() {
+        let mut flight = drifting(100);
+        flight.samples[55].end_effector = None;
+        let track = Track::new(&flight, CommandInputs::Position).unwrap();
+        let starts: Vec<usize> = standing_still_errors(&track, 0..100, &[10])[0]
+            .iter()
+            .map(|window| window.start)
+            .collect();
+        assert_eq!(starts, [0, 10, 20, 30, 40, 60, 70, 80]);
+    }
+
+    #[test]
+    fn quantiles_interpolate_and_keep_infinity() {
+        assert_eq!(quantile(&[], 0.5), None);
+        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), Some(2.0));
+        assert_eq!(quantile(&[1.0, 2.0], 0.5), Some(1.5));
+        assert_eq!(
+            quantile(&[1.0, f64::INFINITY, f64::INFINITY], 0.75),
+            Some(f64::INFINITY)
+        );
+    }
+}

@@ -1,8 +1,9 @@
 //! Choosing structure and ridge by what matters to a plan: rollout error on data that was held out.
 
-use super::bank::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics};
+use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use super::corner::{Corner, Ridges};
 use super::error::ModelError;
+use super::family::Model;
 use super::lag::CommandInputs;
 use super::rollout::{WindowError, standing_still_errors, window_errors};
 use super::track::Track;
@@ -42,6 +43,18 @@ pub struct HeldOutError {
     pub windows: usize,
     /// Share of windows that diverged.
     pub diverged_share: f64,
+}
+
+impl std::fmt::Display for HeldOutError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "mean rollout error {:.1} cm, {:.1} % of {} windows diverged",
+            100.0 * self.mean_m,
+            100.0 * self.diverged_share,
+            self.windows
+        )
+    }
 }
 
 impl Candidate {

@@ -24,3 +24,22 @@ pub fn spectral_radius(dynamics: &impl Dynamics, state: &[f64], command: &[f64])
             .fold(0.0, f64::max),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::lag::{CommandInputs, LagModel};
+
+    #[test]
+    fn radius_of_a_known_recursion() {
+        // x⁺ = 1.5 x − 0.56 x_{k−1} in every signal: roots 0.8 and 0.7.
+        let mut linear = vec![0.0; 9 * 21];
+        for row in 0..9 {
+            linear[row * 21 + row] = 1.5;
+            linear[row * 21 + 9 + row] = -0.56;
+        }
+        let model = LagModel::new(2, CommandInputs::Position, vec![0.0; 9], linear, &[]).unwrap();
+        let radius = spectral_radius(&model, &[0.0; 18], &[0.0; 3]).unwrap();
+        assert!((radius - 0.8).abs() < 1e-6, "{radius}");
+    }
+}

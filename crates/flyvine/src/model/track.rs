@@ -1,7 +1,7 @@
 //! A flight as arrays, and which rows follow each other without a gap.
 
 use super::bank::same;
-use super::error::ModelError;
+use super::error::{ModelError, require_finite};
 use super::lag::{CommandInputs, STATE_LEN};
 use crate::flight::{Configuration, Flight};
 
@@ -21,9 +21,14 @@ impl<'a> Track<'a> {
     /// Unpacks `flight`.
     ///
     /// # Errors
-    /// The model takes the commanded velocity, but a row has none.
+    /// No rows; a value that is not finite; the model takes the commanded velocity, but a row has none.
     pub fn new(flight: &'a Flight, inputs: CommandInputs) -> Result<Self, ModelError> {
         let samples = &flight.samples;
+        if samples.is_empty() {
+            return Err(ModelError::EmptyFlight {
+                flight: flight.name.clone(),
+            });
+        }
         let mut commands = Vec::with_capacity(samples.len() * inputs.len());
         for (row, sample) in samples.iter().enumerate() {
             commands.extend(sample.command);
@@ -35,17 +40,21 @@ impl<'a> Track<'a> {
                 commands.extend(sample.command_velocity.ok_or_else(missing)?);
             }
         }
-        let mut run: Vec<usize> = samples
-            .iter()
-            .map(|sample| usize::from(sample.state().is_some()))
-            .collect();
-        for row in valid_transitions(flight) {
-            run[row + 1] = run[row] + 1;
+        let mut run = vec![0; samples.len()];
+        for segment in flight.segments() {
+            for (before, row) in segment.enumerate() {
+                run[row] = before + 1;
+            }
         }
-        let states = samples
+        let states: Vec<[f64; STATE_LEN]> = samples
             .iter()
             .map(|sample| sample.state().unwrap_or_default())
             .collect();
+        require_finite(&format!("commands of flight {}", flight.name), &commands)?;
+        require_finite(
+            &format!("states of flight {}", flight.name),
+            states.as_flattened(),
+        )?;
         Ok(Self {
             flight,
             states,
@@ -105,16 +114,4 @@ pub(crate) fn constant_configuration(flight: &Flight) -> Option<Configuration> {
         .iter()
         .all(|sample| same(&sample.configuration, &first))
         .then_some(first)
-}
-
-/// Rows k whose own state and successor's are valid, one sample time apart.
-fn valid_transitions(flight: &Flight) -> Vec<usize> {
-    let valid = |k: usize| {
-        let (now, next) = (&flight.samples[k], &flight.samples[k + 1]);
-        let on_time = (next.t_s - now.t_s - crate::DT).abs() <= 0.1 * crate::DT;
-        on_time && now.state().is_some() && next.state().is_some()
-    };
-    (0..flight.samples.len().saturating_sub(1))
-        .filter(|&k| valid(k))
-        .collect()
 }

@@ -9,7 +9,8 @@
 //! [`RungeKutta4`] is the classical explicit method: fourth order and almost without dissipation, but stable
 //! only for small steps and light damping. It serves as the undamped mode, and to check the other.
 
-use super::chain::{Chain, ChainState, Load, Motion, Workspace};
+use super::articulated::Workspace;
+use super::chain::{Chain, ChainState, Load, Motion};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// γ = 1 − 1/√2 of the L-stable two-stage method: the fraction of the step at its first stage.
@@ -49,6 +50,7 @@ impl LinearlyImplicit {
         self.acceleration.linear = zero;
         self.acceleration.angular = zero;
         self.acceleration.links.fill(zero);
+        self.acceleration.extension = 0.0;
     }
 
     /// Advances `state` by `step`; `loads` act at the fractions [`STAGE`] and 1 of the step.
@@ -91,6 +93,7 @@ impl LinearlyImplicit {
     fn average(&mut self, second: &Motion) {
         self.mean.linear = (1.0 - STAGE) * self.first_motion.linear + STAGE * second.linear;
         self.mean.angular = (1.0 - STAGE) * self.first_motion.angular + STAGE * second.angular;
+        self.mean.extension = (1.0 - STAGE) * self.first_motion.extension + STAGE * second.extension;
         for ((mean, first), second) in self
             .mean
             .links
@@ -118,6 +121,7 @@ struct Derivative {
     position: Vector3<f64>,
     attitude: Quaternion<f64>,
     links: Vec<Quaternion<f64>>,
+    extension: f64,
     motion: Motion,
 }
 
@@ -128,6 +132,7 @@ impl Derivative {
             position: Vector3::zeros(),
             attitude: zero,
             links: vec![zero; links],
+            extension: 0.0,
             motion: Motion::zeros(links),
         }
     }
@@ -136,12 +141,15 @@ impl Derivative {
     fn blend(&mut self, keep: f64, factor: f64, other: &Derivative) {
         self.position = keep * self.position + factor * other.position;
         self.attitude = self.attitude * keep + other.attitude * factor;
+        self.extension = keep * self.extension + factor * other.extension;
         for (a, b) in self.links.iter_mut().zip(&other.links) {
             *a = *a * keep + b * factor;
         }
-        self.motion.linear = keep * self.motion.linear + factor * other.motion.linear;
-        self.motion.angular = keep * self.motion.angular + factor * other.motion.angular;
-        for (a, b) in self.motion.links.iter_mut().zip(&other.motion.links) {
+        let (motion, other) = (&mut self.motion, &other.motion);
+        motion.linear = keep * motion.linear + factor * other.linear;
+        motion.angular = keep * motion.angular + factor * other.angular;
+        motion.extension = keep * motion.extension + factor * other.extension;
+        for (a, b) in motion.links.iter_mut().zip(&other.links) {
             *a = keep * *a + factor * b;
         }
     }
@@ -188,6 +196,7 @@ impl RungeKutta4 {
     fn evaluate(&mut self, chain: &Chain, state: &ChainState, load: &Load) {
         let slope = &mut self.slope;
         slope.position = state.motion.linear;
+        slope.extension = state.motion.extension;
         slope.attitude = quaternion_rate(&state.motion.angular, &state.attitude);
         for ((slope, rate), q) in slope.links.iter_mut().zip(&state.motion.links).zip(&state.links) {
             *slope = quaternion_rate(rate, q);
@@ -203,6 +212,7 @@ fn move_along(state: &mut ChainState, start: &ChainState, step: f64, slope: &Der
         UnitQuaternion::new_normalize(q.quaternion() + rate * step)
     };
     state.position = start.position + step * slope.position;
+    state.extension = start.extension + step * slope.extension;
     state.attitude = add(&start.attitude, &slope.attitude);
     for ((link, q), rate) in state.links.iter_mut().zip(&start.links).zip(&slope.links) {
         *link = add(q, rate);

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::autopilot::AutopilotParameters;
+use super::contact::ContactParameters;
 use super::mocap::MocapParameters;
 use super::pneumatics::PneumaticsParameters;
 use super::wind::WindParameters;
@@ -29,6 +30,8 @@ pub struct VehicleParameters {
     pub wind: WindParameters,
     /// What the arm carries.
     pub payload: PayloadParameters,
+    /// What the end effector can touch.
+    pub contact: ContactParameters,
 }
 
 /// Time steps and discretization.
@@ -61,6 +64,11 @@ pub struct QuadrotorParameters {
     pub drag_n_s_m: [f64; 3],
     /// Distance from the centre of mass down to the clamp, where the tube starts to bend, m.
     pub clamp_offset_m: f64,
+    /// Share of thrust lost per minute of flight at the same throttle.
+    pub battery_sag_per_minute: f64,
+    /// Radius that counts for the ground effect (of one propeller, or more where they act as one), m; zero
+    /// for none.
+    pub ground_effect_radius_m: f64,
 }
 
 /// The inflated arm.
@@ -85,6 +93,8 @@ pub struct ArmParameters {
     pub drag_coefficient_tangential: f64,
     /// Drag area of the tip (coefficient times frontal area), m².
     pub tip_drag_area_m2: f64,
+    /// Axial damping of the tube, N s/m.
+    pub axial_damping_n_s_m: f64,
     /// Greatest growth rate, m/s.
     pub max_growth_rate_m_s: f64,
     /// First-order lag of the growth motor, s.
@@ -125,6 +135,10 @@ pub struct Beam {
     pub damping_n_m2_s: f64,
     /// Moment at which the tube wrinkles and its stiffness saturates, N m.
     pub collapse_moment_n_m: f64,
+    /// Shortening per loss of tension below the hanging tip's weight, m/N: limp fabric folds, the coil pulls.
+    pub slack_m_n: f64,
+    /// Lengthening per tension above the hanging tip's weight, m/N.
+    pub stretch_m_n: f64,
 }
 
 /// What the arm carries besides itself.
@@ -149,13 +163,15 @@ impl Default for QuadrotorParameters {
     fn default() -> Self {
         QuadrotorParameters {
             total_mass_kg: 1.7,
-            inertia_kg_m2: [0.012, 0.012, 0.018],
+            inertia_kg_m2: [0.0234, 0.0234, 0.035],
             motor_offset_m: 0.09,
             max_thrust_n: 4.0 * 9.81,
-            motor_time_constant_s: 0.04,
+            motor_time_constant_s: 0.0582,
             torque_per_thrust_m: 0.015,
-            drag_n_s_m: [0.3, 0.3, 0.3],
-            clamp_offset_m: 0.13,
+            drag_n_s_m: [0.373, 0.373, 0.373],
+            clamp_offset_m: 0.168,
+            battery_sag_per_minute: 0.0,
+            ground_effect_radius_m: 0.0,
         }
     }
 }
@@ -163,38 +179,47 @@ impl Default for QuadrotorParameters {
 impl Default for ArmParameters {
     fn default() -> Self {
         ArmParameters {
-            tip_mass_kg: 0.16,
-            tip_inertia_transverse_kg_m2: 3e-4,
+            tip_mass_kg: 0.13,
+            tip_inertia_transverse_kg_m2: 0.00183,
             tip_inertia_axial_kg_m2: 2e-4,
-            tip_offset_m: 0.08,
-            linear_density_kg_m: 0.07,
+            tip_offset_m: 0.03,
+            linear_density_kg_m: 0.05,
             diameter_m: 0.08,
-            drag_coefficient_normal: 1.2,
+            drag_coefficient_normal: 1.38,
             drag_coefficient_tangential: 0.02,
-            tip_drag_area_m2: 0.008,
+            tip_drag_area_m2: 0.00181,
+            axial_damping_n_s_m: 0.125,
             max_growth_rate_m_s: 0.02,
             growth_time_constant_s: 0.1,
             length_range_m: [0.45, 1.2],
             corners: Corners {
                 empty_short: Beam {
-                    stiffness_n_m2: 0.05,
-                    damping_n_m2_s: 0.008,
-                    collapse_moment_n_m: 10.0,
+                    stiffness_n_m2: 0.0323,
+                    damping_n_m2_s: 0.0105,
+                    collapse_moment_n_m: 0.176,
+                    slack_m_n: 0.0451,
+                    stretch_m_n: 0.00104,
                 },
                 inflated_short: Beam {
-                    stiffness_n_m2: 0.06,
-                    damping_n_m2_s: 0.005,
+                    stiffness_n_m2: 0.0609,
+                    damping_n_m2_s: 0.00757,
                     collapse_moment_n_m: 10.0,
+                    slack_m_n: 0.06,
+                    stretch_m_n: 0.005,
                 },
                 empty_long: Beam {
-                    stiffness_n_m2: 0.04,
-                    damping_n_m2_s: 0.03,
-                    collapse_moment_n_m: 10.0,
+                    stiffness_n_m2: 0.0501,
+                    damping_n_m2_s: 0.0438,
+                    collapse_moment_n_m: 0.201,
+                    slack_m_n: 0.172,
+                    stretch_m_n: 0.00154,
                 },
                 inflated_long: Beam {
-                    stiffness_n_m2: 0.04,
-                    damping_n_m2_s: 0.02,
-                    collapse_moment_n_m: 10.0,
+                    stiffness_n_m2: 0.0104,
+                    damping_n_m2_s: 0.0238,
+                    collapse_moment_n_m: 6.05,
+                    slack_m_n: 0.09,
+                    stretch_m_n: 0.00499,
                 },
             },
         }
@@ -217,6 +242,8 @@ impl Corners {
             stiffness_n_m2: blend(|beam| beam.stiffness_n_m2),
             damping_n_m2_s: blend(|beam| beam.damping_n_m2_s),
             collapse_moment_n_m: blend(|beam| beam.collapse_moment_n_m),
+            slack_m_n: blend(|beam| beam.slack_m_n),
+            stretch_m_n: blend(|beam| beam.stretch_m_n),
         }
     }
 }
@@ -314,6 +341,7 @@ impl VehicleParameters {
         self.autopilot.validate()?;
         self.mocap.validate()?;
         self.wind.validate()?;
+        self.contact.validate()?;
         Checker::new("payload").range("tip_mass_kg", self.payload.tip_mass_kg, 0.0, 1.0, "kg")?;
         self.validate_together()
     }
@@ -387,6 +415,20 @@ impl QuadrotorParameters {
         for drag in self.drag_n_s_m {
             check.range("drag_n_s_m", drag, 0.0, 10.0, "N/(m/s)")?;
         }
+        check.range(
+            "battery_sag_per_minute",
+            self.battery_sag_per_minute,
+            0.0,
+            0.5,
+            "1/min",
+        )?;
+        check.range(
+            "ground_effect_radius_m",
+            self.ground_effect_radius_m,
+            0.0,
+            1.0,
+            "m",
+        )?;
         check.range("clamp_offset_m", self.clamp_offset_m, 0.0, 0.5, "m")
     }
 }
@@ -427,6 +469,13 @@ impl ArmParameters {
             "",
         )?;
         check.range("tip_drag_area_m2", self.tip_drag_area_m2, 0.0, 1.0, "m²")?;
+        check.range(
+            "axial_damping_n_s_m",
+            self.axial_damping_n_s_m,
+            0.0,
+            1000.0,
+            "N s/m",
+        )?;
         check.range("max_growth_rate_m_s", self.max_growth_rate_m_s, 0.0, 0.5, "m/s")?;
         check.range(
             "growth_time_constant_s",
@@ -466,6 +515,8 @@ impl ArmParameters {
                 1e6,
                 "N m",
             )?;
+            check.range(&format!("{name}.slack_m_n"), beam.slack_m_n, 1e-5, 1.0, "m/N")?;
+            check.range(&format!("{name}.stretch_m_n"), beam.stretch_m_n, 1e-5, 1.0, "m/N")?;
         }
         Ok(())
     }

@@ -3,16 +3,17 @@
 use super::autopilot::mixer::Mixer;
 use super::autopilot::position::ThrustModel;
 use super::autopilot::{Autopilot, Estimate};
-use super::chain::{Base, Chain, ChainState, Growth, Joint, Link, Load, Tip};
+use super::chain::{Base, Chain, ChainState, Growth, Joint, Link, Load, Slider, Tip};
+use super::contact::{self, Ball};
 use super::integrator::{LinearlyImplicit, STAGE};
-use super::mocap::{Mocap, MocapFaults, pose};
+use super::mocap::{Mocap, MocapFaults, Scene, pose};
 use super::parameters::{ParameterError, VehicleParameters};
 use super::pneumatics::Pneumatics;
 use super::wind::Gust;
 use crate::flight::{Configuration, Pose};
 use crate::link::{Observation, Vehicle, VehicleError};
 use crate::{DT, GRAVITY};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
@@ -43,6 +44,7 @@ pub struct SimulatedVehicle {
     pneumatics: Pneumatics,
     gust: Gust,
     mocap: Mocap,
+    ball: Option<Ball>,
     sensor_random: ChaCha8Rng,
     wind_random: ChaCha8Rng,
     /// Commands that have not reached the autopilot yet, with their time of arrival, s.
@@ -73,6 +75,8 @@ pub struct Truth {
     pub nodes: Vec<[f64; 3]>,
     /// Rest distance from quadrotor to end effector and pressure as they are now.
     pub configuration: Configuration,
+    /// Position of the ball, m, where there is one.
+    pub ball: Option<[f64; 3]>,
     /// Poses that motion-capture faults took since the reset.
     pub mocap_faults: MocapFaults,
 }
@@ -96,7 +100,7 @@ impl SimulatedVehicle {
             mixer,
             state: ChainState::hanging(START, links),
             integrator: LinearlyImplicit::new(links),
-            autopilot: Autopilot::hovering(0.0),
+            autopilot: Autopilot::hovering(&parameters.autopilot, 0.0),
             motors: [0.0; 4],
             arm: ArmState {
                 length_m,
@@ -105,7 +109,16 @@ impl SimulatedVehicle {
             },
             pneumatics: Pneumatics::at(0.0),
             gust,
-            mocap: Mocap::default(),
+            mocap: Mocap::new(
+                &parameters.mocap,
+                Scene {
+                    position: START,
+                    attitude: UnitQuaternion::identity(),
+                    end_effector: START,
+                },
+                parameters.autopilot.rate_period_s,
+            ),
+            ball: None,
             sensor_random: ChaCha8Rng::seed_from_u64(0),
             wind_random,
             pending: VecDeque::with_capacity(64),
@@ -133,6 +146,11 @@ impl SimulatedVehicle {
         self.tick as f64 * self.parameters.autopilot.rate_period_s
     }
 
+    /// Positions of quadrotor and end effector without noise, m.
+    pub fn positions(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.state.position, self.chain.end_effector(&self.state))
+    }
+
     /// The vehicle without noise.
     pub fn truth(&self) -> Truth {
         let mut nodes = Vec::with_capacity(self.chain.links.len() + 1);
@@ -147,6 +165,7 @@ impl SimulatedVehicle {
                 length_m: self.arm.length_m,
                 pressure_kpa: self.pneumatics.pressure_kpa,
             },
+            ball: self.ball.map(|ball| ball.position.into()),
             mocap_faults: self.mocap.faults,
         }
     }
@@ -167,9 +186,8 @@ impl SimulatedVehicle {
         self.pneumatics = Pneumatics::at(configuration.pressure_kpa);
         self.state.copy_from(&ChainState::hanging(START, links));
         self.integrator.reset();
-        self.autopilot = Autopilot::hovering(self.weight());
+        self.autopilot = Autopilot::hovering(&self.parameters.autopilot, self.weight());
         self.motors = [0.25 * self.weight(); 4];
-        self.mocap = Mocap::default();
         self.sensor_random = ChaCha8Rng::seed_from_u64(seed);
         self.sensor_random.set_stream(SENSOR_STREAM);
         self.wind_random = ChaCha8Rng::seed_from_u64(seed);
@@ -178,6 +196,12 @@ impl SimulatedVehicle {
         self.pending.clear();
         self.command = START;
         self.tick = 0;
+        self.update_chain();
+        // A payload stretches the tube at rest.
+        if let Some(slider) = &self.chain.tip.slider {
+            self.state.extension = self.parameters.payload.tip_mass_kg * GRAVITY / slider.stretch_stiffness;
+        }
+        self.ball = self.parameters.contact.ball.as_ref().map(Ball::at_rest);
         if !self.parameters.wind.is_calm() {
             let ticks = (SETTLING_S / self.parameters.autopilot.rate_period_s).round() as u64;
             for _ in 0..ticks {
@@ -185,7 +209,16 @@ impl SimulatedVehicle {
             }
             self.tick = 0;
         }
-        self.update_chain();
+        let period = self.parameters.autopilot.rate_period_s;
+        self.mocap = Mocap::new(&self.parameters.mocap, self.scene(), period);
+    }
+
+    fn scene(&self) -> Scene {
+        Scene {
+            position: self.state.position,
+            attitude: self.state.attitude,
+            end_effector: self.chain.end_effector(&self.state),
+        }
     }
 
     /// One period of the rate loop.
@@ -212,20 +245,47 @@ impl SimulatedVehicle {
             .ceil()
             .max(1.0);
         let step = period / substeps;
+        let effectiveness = self.thrust_effectiveness(now);
         for _ in 0..substeps as usize {
+            let tip_force = self.contact_force(&wind, step);
             let loads = [STAGE, 1.0].map(|fraction| {
                 let (thrust, torque) = self.mixer.wrench(&self.motors_after(&wanted, fraction * step));
                 Load {
-                    thrust,
-                    torque,
+                    thrust: effectiveness * thrust,
+                    torque: effectiveness * torque,
                     wind,
-                    tip_force: Vector3::zeros(),
+                    tip_force,
                 }
             });
             self.integrator.step(&self.chain, &mut self.state, &loads, step);
             self.motors = self.motors_after(&wanted, step);
         }
         self.tick += 1;
+        self.mocap.watch(self.scene());
+    }
+
+    /// Thrust per thrust asked for: the battery sags, and the ground (z = 0) helps by
+    /// `1 / (1 − (r / 4z)²)` (Cheeseman and Bennett, ARC R&M 3021, 1955).
+    fn thrust_effectiveness(&self, now: f64) -> f64 {
+        let quadrotor = &self.parameters.quadrotor;
+        let battery = (1.0 - quadrotor.battery_sag_per_minute * now / 60.0).max(0.0);
+        if quadrotor.ground_effect_radius_m == 0.0 {
+            return battery;
+        }
+        // The formula holds down to about one radius.
+        let ratio = quadrotor.ground_effect_radius_m
+            / (4.0 * self.state.position.z.max(quadrotor.ground_effect_radius_m));
+        battery / (1.0 - ratio * ratio)
+    }
+
+    /// Contact force on the end effector, N; moves the ball.
+    fn contact_force(&mut self, wind: &Vector3<f64>, step: f64) -> Vector3<f64> {
+        let contact = &self.parameters.contact;
+        if contact.floor_m.is_none() && self.ball.is_none() {
+            return Vector3::zeros();
+        }
+        let (tip, velocity) = self.chain.end_effector_motion(&self.state);
+        contact::step(contact, self.ball.as_mut(), &tip, &velocity, wind, step)
     }
 
     /// Motor thrusts after `time` of first-order lag towards `wanted`, N.
@@ -313,21 +373,20 @@ impl SimulatedVehicle {
             damping: 2.0 * joint.damping,
             ..joint
         };
-        self.chain.tip.mass_kg =
-            arm.tip_mass_kg - arm.linear_density_kg_m * tube + self.parameters.payload.tip_mass_kg;
+        let tip_mass = arm.tip_mass_kg - arm.linear_density_kg_m * tube;
+        self.chain.tip.mass_kg = tip_mass + self.parameters.payload.tip_mass_kg;
+        self.chain.tip.slider = Some(Slider {
+            rest_force: tip_mass * GRAVITY,
+            slack_stiffness: 1.0 / beam.slack_m_n,
+            stretch_stiffness: 1.0 / beam.stretch_m_n,
+            damping: arm.axial_damping_n_s_m,
+        });
         self.chain.growth.link_rate = self.arm.rate_m_s / links;
         self.chain.growth.link_acceleration = self.arm.acceleration_m_s2 / links;
     }
 
     fn observe(&mut self) -> Observation {
-        let end_effector = self.chain.end_effector(&self.state);
-        let (quadrotor, end_effector) = self.mocap.frame(
-            &self.parameters.mocap,
-            &self.state.position,
-            &self.state.attitude,
-            &end_effector,
-            &mut self.sensor_random,
-        );
+        let (quadrotor, end_effector) = self.mocap.frame(&self.parameters.mocap, &mut self.sensor_random);
         Observation {
             t_s: self.time_s(),
             quadrotor,
@@ -390,6 +449,7 @@ fn empty_chain(parameters: &VehicleParameters) -> Chain {
             inertia_transverse_kg_m2: arm.tip_inertia_transverse_kg_m2,
             inertia_axial_kg_m2: arm.tip_inertia_axial_kg_m2,
             drag: 0.5 * AIR_DENSITY * arm.tip_drag_area_m2,
+            slider: None,
         },
         growth: Growth {
             linear_density: arm.linear_density_kg_m,

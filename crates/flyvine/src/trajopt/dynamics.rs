@@ -24,6 +24,19 @@ pub trait Dynamics: Sync {
     /// The Jacobian `[∂f_k/∂z  ∂f_k/∂u]`, `fresh_len × (n + m)`, row-major.
     fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]);
 
+    /// [`Self::step`] and [`Self::jacobian`] at once, for models in which they share work.
+    fn linearize(
+        &self,
+        knot: usize,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        self.step(knot, state, command, fresh);
+        self.jacobian(knot, state, command, jacobian);
+    }
+
     /// Adds `scale · Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`, `(n + m) × (n + m)`, row-major, full
     /// symmetric. Models without curvature leave it alone.
     fn add_curvature(

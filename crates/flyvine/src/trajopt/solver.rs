@@ -91,6 +91,20 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
     fn iterate(&mut self, started: Instant) -> Status {
         self.expand();
         loop {
+            if std::env::var("TRACE").is_ok() {
+                eprintln!(
+                    "{:4} {:4} merit {:.9} J {:.9} stat {:.2e} res {:.2e} inner {:.1e} {:?} reuse {}",
+                    self.progress.iterations,
+                    self.progress.factorizations,
+                    self.progress.merit,
+                    self.progress.cost,
+                    self.progress.stationarity,
+                    self.residual(),
+                    self.progress.inner_tolerance,
+                    self.progress.convexification,
+                    self.progress.reusable
+                );
+            }
             if self.progress.stationarity <= self.progress.inner_tolerance {
                 if let Some(status) = self.update_multipliers() {
                     return status;
@@ -130,14 +144,9 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     /// Derivatives and stationarity at the trajectory.
     fn expand(&mut self) {
-        self.expansion.expand_dynamics(self.dynamics, &self.trajectory);
-        self.expand_cost();
-    }
-
-    fn expand_cost(&mut self) {
         self.expansion
-            .expand_cost(self.problem, &self.constraints, &self.trajectory);
-        self.adjoint.sweep(&self.expansion);
+            .update(self.problem, &self.constraints, &self.trajectory);
+        self.adjoint.sweep(&self.trajectory, &self.expansion);
         self.progress.cost = rollout::cost(self.problem, &self.trajectory);
         let norm = self.adjoint.projected_norm(self.problem, &self.trajectory);
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
@@ -169,10 +178,10 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             }
         }
         self.progress.previous_residual = residual;
-        self.progress.inner_tolerance =
-            (0.1 * self.progress.inner_tolerance).max(self.options.stationarity_tolerance);
+        self.progress.inner_tolerance = (INNER_SHARE * residual)
+            .clamp(self.options.stationarity_tolerance, self.progress.inner_tolerance);
         self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
-        self.expand_cost();
+        self.expand();
         None
     }
 
@@ -206,7 +215,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     fn reuse_factorization(&mut self) -> bool {
         self.policy
-            .reuse(self.problem, &self.trajectory, &self.expansion, &self.adjoint)
+            .reuse(self.problem, &self.trajectory, &self.adjoint)
             .is_ok()
     }
 
@@ -239,6 +248,10 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         };
         std::mem::swap(&mut self.trajectory, &mut self.candidate);
         self.progress.merit = merit;
+        if step_length < 1.0 {
+            // The line search linearizes along the full step only.
+            self.trajectory.linearize(self.dynamics);
+        }
         self.progress.reusable = step_length == 1.0;
         true
     }
@@ -287,6 +300,8 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
 /// A factorization serves again if the last step reduced the stationarity at least to this share.
 const REUSE_CONTRACTION: f64 = 0.1;
+/// Between multiplier updates the stationarity is reduced to this share of the constraint residual.
+const INNER_SHARE: f64 = 0.1;
 /// Damping beyond which the solve has stalled.
 const MAX_DAMPING: f64 = 1e8;
 /// Smallest damping other than none.

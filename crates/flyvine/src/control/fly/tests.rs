@@ -14,8 +14,8 @@ const SHORT: Configuration = Configuration {
 const KNOTS: usize = 80;
 const NO_LIMIT: [f64; 3] = [f64::INFINITY; 3];
 
-/// x⁺ of the quadrotor (a first-order lag behind the command, leaning into its motion) and of the tip (a first-order
-/// lag behind the quadrotor).
+/// x⁺ of the quadrotor (a first-order lag behind the command, leaning into its motion) and of the tip (a
+/// first-order lag behind the quadrotor).
 fn next(x: &[f64], u: &[f64], fresh: &mut [f64]) {
     for axis in 0..3 {
         let motion = 0.2 * (u[axis] - x[axis]);
@@ -483,5 +483,5 @@ fn bad_limits_and_a_start_outside_the_room_are_refused_before_the_flight() {
     );
     let mut low = Limits::default();
     low.room.quadrotor_z_m = [0.5, 1.2];
-    assert!(refused(low).contains("not in the room"));
+    assert!(refused(low).contains("expected both in the room"));
 }

@@ -8,17 +8,19 @@
 //!       Holding ──▶ AutopilotHold ──▶ Landing ──▶ Stopped
 //! ```
 //!
-//! Each tick it is told the time and the poses ([`Supervisor::observe`]), gives back those that it believes, and turns
-//! the controller's proposal into an [`Order`] ([`Supervisor::decide`]). It does no I/O and reads no clock. It fails
-//! closed: what it cannot judge ends the flight, and no flight that was ended goes on. Set-points it gives out are
-//! finite and inside the room, always.
+//! Each tick it is told the time and the poses ([`Supervisor::observe`]), gives back those that it believes,
+//! and turns the controller's proposal into an [`Order`] ([`Supervisor::decide`]). It does no I/O and reads
+//! no clock. It fails closed: what it cannot judge ends the flight, and no flight that was ended goes on.
+//! Set-points it gives out are finite and inside the room, always.
 
 mod event;
 mod limits;
 mod pose_watch;
+mod state;
 
 pub use event::{Body, Event, EventKind, Reason};
 pub use limits::{Limits, LimitsError, Room};
+pub use state::{Mode, Order, Start, State};
 
 use super::Proposal;
 use crate::DT;
@@ -33,55 +35,6 @@ const ROUNDING_S: f64 = 1e-9;
 /// Late answers in a row that end the flight.
 const LATE_TO_ABORT: u32 = 2;
 
-/// Where the flight stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum State {
-    /// Under control of the controller.
-    Flying,
-    /// Under control of the controller, which lacks a fresh pose.
-    Coasting,
-    /// Ended: the position at the abort is held by set-points.
-    Holding,
-    /// Ended: the autopilot shall hold by itself.
-    AutopilotHold,
-    /// Ended: the autopilot shall land.
-    Landing,
-    /// Ended: nothing is sent any more.
-    Stopped,
-}
-
-/// The autopilot mode that goes with a set-point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Follow the set-points.
-    Offboard,
-    /// Hold position.
-    Hold,
-    /// Land.
-    Land,
-}
-
-/// What may leave the machine at this tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Order {
-    /// The quadrotor position to send, m; `None`: send none. It goes on in Hold and Land, so that the autopilot is never
-    /// left without a set-point while a mode change is under way.
-    pub setpoint: Option<[f64; 3]>,
-    /// The mode to ask for.
-    pub mode: Mode,
-}
-
-/// Where the vehicle is known to be when supervision starts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Start {
-    /// Time, s.
-    pub t_s: f64,
-    /// Quadrotor position, m; it must be in the room.
-    pub quadrotor: [f64; 3],
-    /// End-effector position, m; it must be in the room.
-    pub end_effector: [f64; 3],
-}
-
 /// A supervisor that cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SupervisorError {
@@ -89,7 +42,10 @@ pub enum SupervisorError {
     #[error("supervisor limits: {0}")]
     Limits(#[from] LimitsError),
     /// The vehicle starts outside the room, or nobody knows where or when.
-    #[error("start at t = {} s, quadrotor {:?}, end effector {:?}: not in the room", .0.t_s, .0.quadrotor, .0.end_effector)]
+    #[error(
+        "start at t = {} s: quadrotor {:?}, end effector {:?}; expected both in the room",
+        .0.t_s, .0.quadrotor, .0.end_effector
+    )]
     Start(Start),
 }
 

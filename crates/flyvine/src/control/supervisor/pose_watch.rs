@@ -2,8 +2,8 @@
 
 use crate::DT;
 
-/// Displacement beyond which a command or a body counts as moving, m. Motion capture is noisier than this, and the
-/// rounding of text protocols is finer.
+/// Displacement beyond which a command or a body counts as moving, m. Motion capture is noisier than this,
+/// and the rounding of text protocols is finer.
 const MOVING_M: f64 = 1e-4;
 /// Jumping poses in a row that end the flight; one alone is refused and counts as missing.
 const JUMPS_TO_ABORT: u32 = 2;
@@ -37,8 +37,8 @@ pub(super) struct PoseWatch {
     /// Poses refused as jumps since, and when the first of them was taken, s.
     jumps: u32,
     jumped_s: f64,
-    /// Since `seen` first had its value: the command then held, the other body's position then (or when it was first
-    /// seen after), and whether one of them has moved away from there.
+    /// Since `seen` first had its value: the command then held, the other body's position then (or when it
+    /// was first seen after), and whether one of them has moved away from there.
     command: [f64; 3],
     other: Option<[f64; 3]>,
     moving: bool,
@@ -82,8 +82,8 @@ impl PoseWatch {
             return Verdict::Frozen;
         }
         let distance_m = distance(seen.0, self.seen.0);
-        // The gate opens with the age of the last credible pose, but not for a pose that has just jumped: it would
-        // soon be wide enough to let it in.
+        // The gate opens with the age of the last credible pose, but not for a pose that has just jumped: it
+        // would soon be wide enough to let it in.
         let until_s = if self.jumps == 0 { capture_s } else { self.jumped_s };
         let limit_m = self.speed_max_m_s * (until_s - self.seen_s).max(DT);
         if distance_m > limit_m {

@@ -12,7 +12,8 @@ const START: Start = Start {
     end_effector: [0.0, 0.0, 0.8],
 };
 
-/// A vehicle that drifts by 1 mm per tick, so that nothing repeats, and a supervisor told about it every tick.
+/// A vehicle that drifts by 1 mm per tick, so that nothing repeats, and a supervisor told about it every
+/// tick.
 struct Flight {
     supervisor: Supervisor,
     tick: usize,

@@ -8,9 +8,9 @@
 //! ```
 //!
 //! so steady speed and steady acceleration, however large, cancel: a violent swing leaves centimetres where a
-//! marker that jumps by J leaves 1.5 J. A third difference grows with the cube of the time step, and so does
-//! the tolerance across missing rows. Implausible steps cut the track into pieces; a piece is rejected where
-//! the track goes on plausibly without it.
+//! marker that jumps by J leaves J, or 1.5 J where it is back in the next row. A third difference grows with
+//! the cube of the time step, and so does the tolerance across missing rows. Implausible steps cut the track
+//! into pieces; a piece is rejected where the track goes on plausibly without it.
 
 use std::ops::Range;
 
@@ -35,6 +35,8 @@ pub(super) struct Jump {
 
 /// Steps longer than this say nothing about the steps beside them, s.
 const LONGEST_NEIGHBOUR_S: f64 = 2.5 * DT;
+/// Across longer gaps a jump cannot be told from motion, s.
+const LONGEST_BRIDGE_S: f64 = 5.5 * DT;
 /// With one step beside it only, a step is compared by the second difference: acceleration does not cancel.
 const ONE_SIDED: f64 = 4.0;
 /// Faster than this nothing flies in a room, m/s (for a step with no neighbours).
@@ -58,6 +60,25 @@ pub(super) fn track<const N: usize>(
 /// Finds the jumps of a track. `align(reference, x)` is the representation of `x` to compare with
 /// `reference` (quaternions have two).
 pub(super) fn find<const N: usize>(
+    mut track: Vec<Knot<N>>,
+    tolerance: f64,
+    max_excursion_rows: usize,
+    align: fn([f64; N], [f64; N]) -> [f64; N],
+) -> Vec<Jump> {
+    let mut jumps = Vec::new();
+    // A large jump hides a small one beside it, so look again without it.
+    loop {
+        let found = find_largest(&track, tolerance, max_excursion_rows, align);
+        if found.is_empty() {
+            return jumps;
+        }
+        track.retain(|knot| !found.iter().any(|jump| jump.rows.contains(&knot.row)));
+        jumps.extend(found);
+    }
+}
+
+/// One pass over the track: the jumps that no larger one beside them hides.
+fn find_largest<const N: usize>(
     track: &[Knot<N>],
     tolerance: f64,
     max_excursion_rows: usize,
@@ -69,17 +90,23 @@ pub(super) fn find<const N: usize>(
         align,
     };
     let cuts = gate.cuts();
+    let is_gap = |i: usize| track[i + 1].t_s - track[i].t_s > LONGEST_BRIDGE_S;
+    let num_rows = |piece: Range<usize>| track[piece.end - 1].row + 1 - track[piece.start].row;
     let mut jumps = Vec::new();
     // The piece being walked began at `start`; `before` and `good` are the last two good knots.
     let (mut start, mut before, mut good) = (0, None, 0);
     while good + 1 < track.len() {
         let next = good + 1;
+        if is_gap(good) {
+            (start, before, good) = (next, None, next);
+            continue;
+        }
         if !cuts[good] {
             (before, good) = (Some(good), next);
             continue;
         }
         // Where does the track go on? Behind one of the next cuts, if it fits and stays.
-        let near = |last: &usize| track[*last].row - track[good].row <= max_excursion_rows;
+        let near = |last: &usize| !is_gap(*last) && num_rows(next..last + 1) <= max_excursion_rows;
         let resumes = |last: &usize| {
             let resumed = last + 1;
             let stays = resumed < cuts.len() && !cuts[resumed];
@@ -91,14 +118,13 @@ pub(super) fn find<const N: usize>(
             continue;
         }
         // It does not: one of the pieces at this cut is wrong for good.
-        let end = (next..cuts.len())
-            .find(|&i| cuts[i])
-            .map_or(track.len(), |i| i + 1);
-        let is_short =
-            |piece: Range<usize>| track[piece.end - 1].row - track[piece.start].row < max_excursion_rows;
+        let border = (next..cuts.len()).find(|&i| cuts[i] || is_gap(i));
+        let end = border.map_or(track.len(), |i| i + 1);
+        let ends_in_nothing = border.is_none_or(is_gap);
+        let is_short = |piece| num_rows(piece) <= max_excursion_rows;
         if is_short(start..next) && !is_short(next..end) {
             jumps.push(gate.jump(start..next, next));
-        } else if is_short(next..end) && end == track.len() {
+        } else if is_short(next..end) && ends_in_nothing {
             jumps.push(gate.jump(next..end, good));
         } else {
             jumps.push(gate.jump(next..next + 1, good));
@@ -115,8 +141,8 @@ struct Gate<'a, const N: usize> {
 }
 
 impl<const N: usize> Gate<'_, N> {
-    /// For each step `i → i + 1` whether the track is cut there. Steps beside a jump look odd too, by a third
-    /// of it: only the worst of them is the jump.
+    /// For each step `i → i + 1` whether the track is cut there. A jump makes the steps beside it look odd by
+    /// half as much; what a step has beyond that, and beyond the curvature of real motion, is its own.
     fn cuts(&self) -> Vec<bool> {
         let last = self.track.len().saturating_sub(1);
         let excess: Vec<f64> = (0..last)
@@ -124,7 +150,7 @@ impl<const N: usize> Gate<'_, N> {
             .collect();
         let beside = |i: usize| excess[i.saturating_sub(1)].max(excess[(i + 1).min(last - 1)]);
         (0..last)
-            .map(|i| excess[i] > 1.0 && excess[i] >= 0.6 * beside(i))
+            .map(|i| excess[i] > 1.0 && excess[i] >= 0.5 * beside(i) + 0.6)
             .collect()
     }
 

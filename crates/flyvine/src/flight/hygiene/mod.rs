@@ -19,12 +19,12 @@ use super::{Flight, Sample, quaternion};
 #[serde(deny_unknown_fields, default)]
 pub struct HygieneOptions {
     /// Largest deviation of one step from the mean of the steps beside it, m: half the third difference
-    /// of the positions. A lone jump by `J` deviates by `1.5 J`. Default 0.06.
+    /// of the positions. A jump by `J` deviates by `J`, a spike by `1.5 J`. Default 0.06.
     pub jump_tolerance_m: f64,
     /// The same for the attitude, as a distance of quaternions (half an angle in radians). Default 0.12.
     pub turn_tolerance: f64,
     /// Longest excursion, in rows, that is rejected as a whole; what stays away longer is a lasting shift,
-    /// of which the first row is rejected. Default 10.
+    /// of which the first rows are rejected until the step across them could be flown. Default 10.
     pub max_excursion_rows: usize,
     /// A command that leaves for one or two rows by more than this and comes back was not flown, m. Default 0.5.
     pub command_spike_m: f64,
@@ -78,18 +78,18 @@ pub fn clean(flight: &mut Flight, options: &HygieneOptions) -> HygieneReport {
     let positions = jump::track(flight, |sample| sample.quadrotor.map(|pose| pose.position));
     let attitudes = jump::track(flight, |sample| sample.quadrotor.map(|pose| pose.attitude));
     let tips = jump::track(flight, |sample| sample.end_effector);
-    for jump in jump::find(&positions, tolerance, longest, |_, x| x) {
+    for jump in jump::find(positions, tolerance, longest, |_, x| x) {
         let fault = Fault::Jump { size_m: jump.size };
         reject(flight, &mut report, Body::Quadrotor, fault, jump.rows);
     }
-    for jump in jump::find(&attitudes, options.turn_tolerance, longest, quaternion::align) {
+    for jump in jump::find(attitudes, options.turn_tolerance, longest, quaternion::align) {
         // Two unit quaternions that turn by θ are 2 sin(θ/4) apart.
         let fault = Fault::Turn {
             angle_rad: 4.0 * (0.5 * jump.size).asin(),
         };
         reject(flight, &mut report, Body::Quadrotor, fault, jump.rows);
     }
-    for jump in jump::find(&tips, tolerance, longest, |_, x| x) {
+    for jump in jump::find(tips, tolerance, longest, |_, x| x) {
         let fault = Fault::Jump { size_m: jump.size };
         reject(flight, &mut report, Body::EndEffector, fault, jump.rows);
     }
@@ -169,3 +169,6 @@ fn spans(marks: impl Iterator<Item = bool>) -> Vec<Range<usize>> {
     }
     spans
 }
+
+#[cfg(test)]
+mod tests;

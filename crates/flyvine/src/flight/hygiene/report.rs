@@ -117,6 +117,11 @@ impl HygieneReport {
         }
     }
 
+    /// Whether nothing was found.
+    pub fn is_clean(&self) -> bool {
+        self.findings.is_empty()
+    }
+
     /// Adds a finding in `rows`, which is not empty.
     pub(super) fn add(&mut self, flight: &Flight, body: Body, fault: Fault, rows: Range<usize>) {
         let (first_row, last_row) = (rows.start, rows.end - 1);
@@ -152,7 +157,7 @@ impl fmt::Display for HygieneReport {
             "{}: {} of {} rows have a state",
             self.flight, self.rows_with_state, self.rows
         )?;
-        if self.findings.is_empty() {
+        if self.is_clean() {
             return write!(f, "; nothing found");
         }
         let mut kinds: Vec<(Body, &'static str)> = self

@@ -302,3 +302,6 @@ impl Mapping {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

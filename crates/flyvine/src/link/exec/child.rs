@@ -17,7 +17,7 @@ const LINES_AHEAD: usize = 4;
 /// How much of the end of stderr is kept, bytes.
 const STDERR_KEPT: usize = 4 * 1024;
 /// Grace for a child that closed its pipes to be seen exiting, and for the rest of its stderr to arrive.
-const GRACE: Duration = Duration::from_millis(500);
+const GRACE: Duration = Duration::from_secs(1);
 /// Pause between two looks at whether the child has exited.
 const POLL: Duration = Duration::from_millis(2);
 
@@ -172,7 +172,8 @@ fn describe(status: Option<ExitStatus>) -> String {
     status.map_or("still running".into(), |status| status.to_string())
 }
 
-/// Reads lines until the pipe or the receiver ends, or a line is too long; an unfinished last line is dropped.
+/// Reads lines until the pipe or the receiver ends, or a line is too long; an unfinished last line is
+/// dropped.
 fn read_lines(pipe: impl Read, lines: &SyncSender<Line>) {
     let mut reader = BufReader::new(pipe);
     loop {

@@ -13,7 +13,8 @@ const SHORT: Configuration = Configuration {
 const PRELUDE: &str = r#"
 import json, os, sys, time
 def pose(k, **changes):
-    print(json.dumps({"t_s": k * 0.05, "qr": [0, 0, 1.5], "q": [1, 0, 0, 0], "ee": [0, 0, 0.8], **changes}), flush=True)
+    reply = {"t_s": k * 0.05, "qr": [0, 0, 1.5], "q": [1, 0, 0, 0], "ee": [0, 0, 0.8], **changes}
+    print(json.dumps(reply), flush=True)
 def serve(answer, at_close=lambda: None):
     k = 0
     for line in sys.stdin:
@@ -169,11 +170,11 @@ fn a_stalling_child_is_named() {
     let stalls = "serve(lambda k: pose(k) if k < 2 else time.sleep(60))";
     let error = fly_to_fault(python_with(
         stalls,
-        Duration::from_secs(1),
+        Duration::from_secs(3),
         Duration::from_secs(2),
     ));
     assert!(
-        matches!(error.fault, ExecFault::Stalled { limit_s: 1.0 }),
+        matches!(error.fault, ExecFault::Stalled { limit_s: 3.0 }),
         "{error}"
     );
     assert_eq!(error.steps, 1);
@@ -184,7 +185,7 @@ fn a_line_that_drips_without_end_is_a_stall() {
     let drips = "
 while True:
     sys.stdout.write('1'); sys.stdout.flush(); time.sleep(0.05)";
-    let error = fly_to_fault(python_with(drips, Duration::from_secs(1), Duration::from_secs(2)));
+    let error = fly_to_fault(python_with(drips, Duration::from_secs(3), Duration::from_secs(2)));
     assert!(matches!(error.fault, ExecFault::Stalled { .. }), "{error}");
 }
 
@@ -260,7 +261,7 @@ fn a_slow_or_unsuccessful_close_is_named() {
         ("sys.exit(4)", "exit status: 4"),
     ] {
         let script = format!("serve(pose, at_close=lambda: {at_close})");
-        let mut vehicle = python_with(&script, Duration::from_secs(10), Duration::from_secs(1));
+        let mut vehicle = python_with(&script, Duration::from_secs(10), Duration::from_secs(2));
         vehicle.reset(SHORT, 1).unwrap();
         let error = exec_error(vehicle.close().unwrap_err());
         assert!(

@@ -24,10 +24,10 @@ pub struct AttitudeParameters {
 impl Default for AttitudeParameters {
     fn default() -> Self {
         AttitudeParameters {
-            tilt_p: 10.0,
+            tilt_p: 6.11,
             yaw_p: 2.8,
             yaw_weight: 0.4,
-            tilt_rate_max_deg_s: 220.0,
+            tilt_rate_max_deg_s: 400.0,
             yaw_rate_max_deg_s: 200.0,
         }
     }

@@ -35,7 +35,7 @@ impl Mixer {
         let tilt = tilt.map(|t| scale * t);
         let spread = scale * spread;
         // … the collective moves to make room for them …
-        let mean = (0.25 * collective).clamp(spread, self.max_n - spread);
+        let mean = (0.25 * collective).min(self.max_n - spread).max(spread);
         // … and yaw takes what is left.
         let mut share = 1.0_f64;
         for (t, y) in tilt.iter().zip(&yaw) {

@@ -48,16 +48,16 @@ pub struct PositionParameters {
 impl Default for PositionParameters {
     fn default() -> Self {
         PositionParameters {
-            xy_p: 1.0,
-            z_p: 1.5,
-            xy_vel_p: 1.8,
-            xy_vel_i: 0.4,
-            xy_vel_d: 0.5,
-            z_vel_p: 5.0,
-            z_vel_i: 2.0,
+            xy_p: 1.55,
+            z_p: 2.53,
+            xy_vel_p: 3.69,
+            xy_vel_i: 1.45,
+            xy_vel_d: 1.22,
+            z_vel_p: 6.03,
+            z_vel_i: 5.51,
             z_vel_d: 0.0,
-            velocity_derivative_cutoff_hz: 5.0,
-            xy_vel_max: 8.0,
+            velocity_derivative_cutoff_hz: 4.42,
+            xy_vel_max: 12.0,
             z_vel_max_up: 3.0,
             z_vel_max_down: 1.5,
             tilt_max_deg: 45.0,
@@ -232,7 +232,7 @@ fn velocity_setpoint(
 }
 
 /// The attitude whose z axis points along the thrust, heading east (yaw zero).
-fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> {
+pub(super) fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> {
     let z = force.normalize();
     // x perpendicular to z in the vertical plane of the heading; the tilt limit keeps z away from it.
     let y = z.cross(&Vector3::x()).normalize();

@@ -36,14 +36,14 @@ impl Adjoint {
     }
 
     /// One sweep from the last knot to the first.
-    pub fn sweep(&mut self, expansion: &Expansion) {
+    pub fn sweep(&mut self, trajectory: &Trajectory, expansion: &Expansion) {
         let Shape { state, stride, .. } = self.shape;
         let last = self.shape.steps();
         self.values[last * stride..][..state].copy_from_slice(&expansion.gradient(last)[..state]);
         for knot in (0..last).rev() {
             let (now, next) = self.values[knot * stride..][..2 * stride].split_at_mut(stride);
             now.copy_from_slice(expansion.gradient(knot));
-            add_transpose_step(self.shape, expansion.jacobian(knot), next, now);
+            add_transpose_step(self.shape, trajectory.jacobian(knot), next, now);
         }
     }
 

@@ -129,7 +129,7 @@ impl Policy {
         self.begin();
         self.riccati.start(expansion.diagonal(last));
         for knot in (0..last).rev() {
-            let jacobian = expansion.jacobian(knot);
+            let jacobian = trajectory.jacobian(knot);
             self.riccati.copy_shifted(expansion.diagonal(knot));
             if convexification.curvature {
                 let fresh_costate = &adjoint.costate(knot + 1)[..fresh];
@@ -147,7 +147,7 @@ impl Policy {
             }
             self.riccati.add_products(jacobian);
             self.extract(knot, convexification.damping);
-            self.prepare_box(problem, trajectory, expansion, adjoint, knot);
+            self.prepare_box(problem, trajectory, adjoint, knot);
             self.minimize(knot)?;
             self.feedback(knot);
             let rows = knot * self.shape.command * stride..(knot + 1) * self.shape.command * stride;
@@ -162,13 +162,12 @@ impl Policy {
         &mut self,
         problem: &Problem,
         trajectory: &Trajectory,
-        expansion: &Expansion,
         adjoint: &Adjoint,
     ) -> Result<(), SweepFailure> {
         let last = self.shape.steps();
         self.begin();
         for knot in (0..last).rev() {
-            self.prepare_box(problem, trajectory, expansion, adjoint, knot);
+            self.prepare_box(problem, trajectory, adjoint, knot);
             self.minimize_with_old_holds(knot)?;
             self.pass_costate(knot);
         }
@@ -193,14 +192,7 @@ impl Policy {
     }
 
     /// Bounds on d_k, and h_k = g_k + B_kᵀ p_{k+1}; turns p_{k+1} into `(A_kᵀ p_{k+1}, h_k)`.
-    fn prepare_box(
-        &mut self,
-        problem: &Problem,
-        trajectory: &Trajectory,
-        expansion: &Expansion,
-        adjoint: &Adjoint,
-        knot: usize,
-    ) {
+    fn prepare_box(&mut self, problem: &Problem, trajectory: &Trajectory, adjoint: &Adjoint, knot: usize) {
         let Shape {
             state: n, command: m, ..
         } = self.shape;
@@ -213,7 +205,7 @@ impl Policy {
         } = &mut self.scratch;
         now.fill(0.0);
         now[n..n + m].copy_from_slice(adjoint.gradient(knot));
-        add_transpose_step(self.shape, expansion.jacobian(knot), next, now);
+        add_transpose_step(self.shape, trajectory.jacobian(knot), next, now);
         gradient.copy_from_slice(&now[n..n + m]);
         for (j, &u) in trajectory.command(knot).iter().enumerate() {
             lower[j] = problem.command_lower[j] - u;
@@ -230,7 +222,9 @@ impl Policy {
             gradient,
             ..
         } = &self.scratch;
-        self.holds[vector.clone()].fill(Hold::Free);
+        for (j, hold) in self.holds[vector.clone()].iter_mut().enumerate() {
+            *hold = command_box::initial_hold(lower[j], upper[j], gradient[j]);
+        }
         command_box::minimize(
             &self.hessians[matrix.clone()],
             gradient,

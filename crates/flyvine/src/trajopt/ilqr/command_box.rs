@@ -12,6 +12,18 @@ pub enum Hold {
     Upper,
 }
 
+/// Where to begin: held if the command is on a bound already and wants to leave the box. (From all free, a Hessian
+/// that is indefinite only in held directions would be refused.)
+pub fn initial_hold(lower: f64, upper: f64, gradient: f64) -> Hold {
+    if lower >= 0.0 && gradient > 0.0 {
+        Hold::Lower
+    } else if upper <= 0.0 && gradient < 0.0 {
+        Hold::Upper
+    } else {
+        Hold::Free
+    }
+}
+
 /// `Q_uu` is not positive definite on the free commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotPositiveDefinite;

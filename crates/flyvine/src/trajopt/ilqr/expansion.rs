@@ -1,38 +1,26 @@
-//! First and second derivatives along a trajectory.
+//! First and second derivatives of the cost along a trajectory.
 
+use super::super::Problem;
 use super::super::augmented_lagrangian::AugmentedLagrangian;
-use super::super::{Dynamics, Problem};
 use super::{Shape, Trajectory};
 
 /// Derivatives at every knot.
 #[derive(Debug, Clone)]
 pub struct Expansion {
     shape: Shape,
-    /// `C_k = [A_k B_k]`, (N−1) × fresh × stride.
-    jacobians: Vec<f64>,
     /// `∂/∂w` of cost and multiplier terms, N × stride.
     gradients: Vec<f64>,
     /// Diagonal of `∂²/∂w²` of cost and multiplier terms, N × stride.
     diagonals: Vec<f64>,
-    /// One Jacobian as the model writes it, fresh × (n + m).
-    compact: Vec<f64>,
 }
 
 impl Expansion {
     pub fn new(shape: Shape) -> Self {
         Self {
             shape,
-            jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
             gradients: vec![0.0; shape.knots * shape.stride],
             diagonals: vec![0.0; shape.knots * shape.stride],
-            compact: vec![0.0; shape.fresh * shape.width()],
         }
-    }
-
-    /// `C_k`, fresh × stride.
-    pub fn jacobian(&self, knot: usize) -> &[f64] {
-        let len = self.shape.fresh * self.shape.stride;
-        &self.jacobians[knot * len..][..len]
     }
 
     pub fn gradient(&self, knot: usize) -> &[f64] {
@@ -43,33 +31,8 @@ impl Expansion {
         &self.diagonals[knot * self.shape.stride..][..self.shape.stride]
     }
 
-    /// Jacobians of the dynamics.
-    pub fn expand_dynamics<D: Dynamics + ?Sized>(&mut self, dynamics: &D, trajectory: &Trajectory) {
-        let Shape { fresh, stride, .. } = self.shape;
-        let width = self.shape.width();
-        for (knot, jacobian) in self.jacobians.chunks_exact_mut(fresh * stride).enumerate() {
-            dynamics.jacobian(
-                knot,
-                trajectory.state(knot),
-                trajectory.command(knot),
-                &mut self.compact,
-            );
-            for (row, compact) in jacobian
-                .chunks_exact_mut(stride)
-                .zip(self.compact.chunks_exact(width))
-            {
-                row[..width].copy_from_slice(compact);
-            }
-        }
-    }
-
     /// Gradient and Hessian of the cost and of the multiplier terms.
-    pub fn expand_cost(
-        &mut self,
-        problem: &Problem,
-        constraints: &AugmentedLagrangian,
-        trajectory: &Trajectory,
-    ) {
+    pub fn update(&mut self, problem: &Problem, constraints: &AugmentedLagrangian, trajectory: &Trajectory) {
         let Shape {
             knots,
             state: n,

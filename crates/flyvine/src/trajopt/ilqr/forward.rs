@@ -21,6 +21,7 @@ pub fn closed_loop<D: Dynamics + ?Sized>(
     policy: &Policy,
     old: &Trajectory,
     step_length: f64,
+    linearize: bool,
     new: &mut Trajectory,
 ) -> f64 {
     let shape = old.shape;
@@ -38,7 +39,7 @@ pub fn closed_loop<D: Dynamics + ?Sized>(
             let command = old.command(knot)[j] + step_length * policy.step(knot)[j] + feedback;
             new.command_mut(knot)[j] = command.clamp(problem.command_lower[j], problem.command_upper[j]);
         }
-        new.advance(dynamics, knot);
+        new.advance(dynamics, knot, linearize);
         let state = new.state(knot + 1);
         merit += rollout::command_cost(problem, knot, new.command(knot))
             + rollout::state_cost(problem, knot + 1, state)
@@ -70,7 +71,16 @@ pub fn line_search<D: Dynamics + ?Sized>(
     let noise = MERIT_NOISE * (1.0 + old_merit.abs());
     for halvings in 0..=MAX_HALVINGS {
         let step_length = 0.5_f64.powi(halvings);
-        let merit = closed_loop(problem, dynamics, constraints, policy, old, step_length, new);
+        let merit = closed_loop(
+            problem,
+            dynamics,
+            constraints,
+            policy,
+            old,
+            step_length,
+            halvings == 0,
+            new,
+        );
         let predicted = step_length * (policy.slope + step_length * policy.quadratic);
         if merit - old_merit <= SUFFICIENT_DECREASE * predicted + noise {
             return Some(Accepted { merit, step_length });

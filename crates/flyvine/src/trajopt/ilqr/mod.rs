@@ -58,11 +58,16 @@ impl Shape {
     }
 }
 
-/// States and commands, `w_k = (z_k, u_k, 0…)`, N × stride; the last command is unused.
+/// States and commands, and the linearization of the dynamics along them.
 #[derive(Debug, Clone)]
 pub(super) struct Trajectory {
     shape: Shape,
+    /// `w_k = (z_k, u_k, 0…)`, N × stride; the last command is unused.
     points: Vec<f64>,
+    /// `C_k = [A_k B_k]`, (N−1) × fresh × stride.
+    jacobians: Vec<f64>,
+    /// One Jacobian as the model writes it, fresh × (n + m).
+    compact: Vec<f64>,
 }
 
 impl Trajectory {
@@ -70,6 +75,8 @@ impl Trajectory {
         Self {
             shape,
             points: vec![0.0; shape.knots * shape.stride],
+            jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
+            compact: vec![0.0; shape.fresh * shape.width()],
         }
     }
 
@@ -89,19 +96,40 @@ impl Trajectory {
         &mut self.points[knot * self.shape.stride + self.shape.state..][..self.shape.command]
     }
 
-    /// `z_{k+1} = (f_k(z_k, u_k), z_k[0..n − fresh])`.
-    pub fn advance<D: Dynamics + ?Sized>(&mut self, dynamics: &D, knot: usize) {
+    /// `C_k`, fresh × stride.
+    pub fn jacobian(&self, knot: usize) -> &[f64] {
+        let len = self.shape.fresh * self.shape.stride;
+        &self.jacobians[knot * len..][..len]
+    }
+
+    /// `z_{k+1} = (f_k(z_k, u_k), z_k[0..n − fresh])`, and C_k if asked for.
+    pub fn advance<D: Dynamics + ?Sized>(&mut self, dynamics: &D, knot: usize, linearize: bool) {
         let Shape {
-            state, fresh, stride, ..
+            state: n,
+            command: m,
+            fresh,
+            stride,
+            ..
         } = self.shape;
         let (now, next) = self.points[knot * stride..][..2 * stride].split_at_mut(stride);
-        let (fresh_part, shifted_part) = next[..state].split_at_mut(fresh);
-        dynamics.step(
-            knot,
-            &now[..state],
-            &now[state..state + self.shape.command],
-            fresh_part,
-        );
-        shifted_part.copy_from_slice(&now[..state - fresh]);
+        let (state, command) = now[..n + m].split_at(n);
+        let (fresh_part, shifted_part) = next[..n].split_at_mut(fresh);
+        shifted_part.copy_from_slice(&state[..n - fresh]);
+        if linearize {
+            dynamics.linearize(knot, state, command, fresh_part, &mut self.compact);
+            let rows = self.jacobians[knot * fresh * stride..][..fresh * stride].chunks_exact_mut(stride);
+            for (row, compact) in rows.zip(self.compact.chunks_exact(n + m)) {
+                row[..n + m].copy_from_slice(compact);
+            }
+        } else {
+            dynamics.step(knot, state, command, fresh_part);
+        }
+    }
+
+    /// `C_k` at every knot.
+    pub fn linearize<D: Dynamics + ?Sized>(&mut self, dynamics: &D) {
+        for knot in 0..self.shape.steps() {
+            self.advance(dynamics, knot, true);
+        }
     }
 }

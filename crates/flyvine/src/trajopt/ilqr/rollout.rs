@@ -4,13 +4,13 @@ use super::super::augmented_lagrangian::AugmentedLagrangian;
 use super::super::{Dynamics, Problem};
 use super::Trajectory;
 
-/// Rolls the trajectory's own commands out from its first state.
+/// Rolls the trajectory's own commands out from its first state, and linearizes along it.
 ///
 /// # Errors
 /// The first knot whose state is not finite.
 pub fn rollout<D: Dynamics + ?Sized>(dynamics: &D, trajectory: &mut Trajectory) -> Result<(), usize> {
     for knot in 0..trajectory.shape.steps() {
-        trajectory.advance(dynamics, knot);
+        trajectory.advance(dynamics, knot, true);
         if !trajectory.state(knot + 1).iter().all(|entry| entry.is_finite()) {
             return Err(knot + 1);
         }

@@ -1,0 +1,108 @@
+//! The parameters that a calibration may change, with bounds from physics: the paper's masses and sizes, and
+//! what a quadrotor of this kind can have.
+
+use super::VehicleParameters;
+use super::calibrate::FreeParameter;
+
+/// One [`FreeParameter`] whose TOML path is also its place in the structs.
+macro_rules! free {
+    ($low:expr, $high:expr, $($path:ident).+) => {
+        FreeParameter {
+            name: stringify!($($path).+),
+            low: $low,
+            high: $high,
+            difference: 1e-3,
+            get: |parameters: &VehicleParameters| parameters.$($path).+,
+            set: |parameters: &mut VehicleParameters, value: f64| parameters.$($path).+ = value,
+        }
+    };
+}
+
+/// Everything that replays of the paper's flights can say something about.
+pub fn all() -> Vec<FreeParameter> {
+    let mut free = autopilot();
+    free.extend(airframe());
+    free.extend(arm());
+    free
+}
+
+/// Gains, limits and delays of the flight controller. Tilt and speed limits are left at PX4's defaults: the flights
+/// hardly reach them, so that the replays do not identify them.
+pub fn autopilot() -> Vec<FreeParameter> {
+    vec![
+        // The position loop sees a command at one of its periods: a step of a whole period shows it.
+        FreeParameter {
+            difference: 0.0834,
+            ..free!(0.0, 0.12, autopilot.command_delay_s)
+        },
+        free!(0.0, 0.12, autopilot.estimate_delay_s),
+        free!(0.5, 2.5, autopilot.position.xy_p),
+        free!(0.5, 4.0, autopilot.position.z_p),
+        free!(1.0, 10.0, autopilot.position.xy_vel_p),
+        free!(0.05, 4.0, autopilot.position.xy_vel_i),
+        free!(0.02, 2.0, autopilot.position.xy_vel_d),
+        free!(1.5, 20.0, autopilot.position.z_vel_p),
+        free!(0.1, 8.0, autopilot.position.z_vel_i),
+        free!(1.0, 40.0, autopilot.position.velocity_derivative_cutoff_hz),
+        free!(4.0, 16.0, autopilot.attitude.tilt_p),
+        free!(80.0, 400.0, autopilot.attitude.tilt_rate_max_deg_s),
+        free!(8.0, 50.0, autopilot.rate.tilt_p),
+    ]
+}
+
+/// Motors, inertia and drag of the quadrotor.
+pub fn airframe() -> Vec<FreeParameter> {
+    vec![
+        free!(0.02, 0.06, quadrotor.motor_time_constant_s),
+        FreeParameter {
+            name: "quadrotor.drag_n_s_m",
+            low: 0.05,
+            high: 1.2,
+            difference: 1e-3,
+            get: |parameters| parameters.quadrotor.drag_n_s_m[0],
+            set: |parameters, value| parameters.quadrotor.drag_n_s_m = [value; 3],
+        },
+        FreeParameter {
+            name: "quadrotor.inertia_kg_m2",
+            low: 0.005,
+            high: 0.03,
+            difference: 1e-3,
+            get: |parameters| parameters.quadrotor.inertia_kg_m2[0],
+            set: |parameters, value| parameters.quadrotor.inertia_kg_m2 = [value, value, 1.5 * value],
+        },
+        free!(0.04, 0.2, quadrotor.clamp_offset_m),
+    ]
+}
+
+/// Masses, drag and bending of the arm.
+pub fn arm() -> Vec<FreeParameter> {
+    vec![
+        free!(0.13, 0.22, arm.tip_mass_kg),
+        free!(0.03, 0.14, arm.tip_offset_m),
+        free!(0.015, 0.05, arm.linear_density_kg_m),
+        free!(1e-4, 2e-3, arm.tip_inertia_transverse_kg_m2),
+        free!(0.2, 3.0, arm.drag_coefficient_normal),
+        free!(0.001, 0.05, arm.tip_drag_area_m2),
+        free!(0.03, 10.0, arm.axial_damping_n_s_m),
+        free!(0.003, 0.5, arm.corners.empty_short.stiffness_n_m2),
+        free!(0.003, 0.5, arm.corners.inflated_short.stiffness_n_m2),
+        free!(0.003, 0.5, arm.corners.empty_long.stiffness_n_m2),
+        free!(0.002, 0.5, arm.corners.inflated_long.stiffness_n_m2),
+        free!(0.0003, 0.3, arm.corners.empty_short.damping_n_m2_s),
+        free!(0.0003, 0.3, arm.corners.inflated_short.damping_n_m2_s),
+        free!(0.0003, 0.3, arm.corners.empty_long.damping_n_m2_s),
+        free!(0.0003, 0.3, arm.corners.inflated_long.damping_n_m2_s),
+        free!(0.01, 10.0, arm.corners.empty_short.collapse_moment_n_m),
+        free!(0.01, 10.0, arm.corners.inflated_short.collapse_moment_n_m),
+        free!(0.01, 10.0, arm.corners.empty_long.collapse_moment_n_m),
+        free!(0.01, 10.0, arm.corners.inflated_long.collapse_moment_n_m),
+        free!(0.001, 0.008, arm.corners.empty_short.stretch_m_n),
+        free!(0.001, 0.008, arm.corners.inflated_short.stretch_m_n),
+        free!(0.001, 0.06, arm.corners.empty_long.stretch_m_n),
+        free!(0.001, 0.06, arm.corners.inflated_long.stretch_m_n),
+        free!(0.001, 0.06, arm.corners.empty_short.slack_m_n),
+        free!(0.001, 0.06, arm.corners.inflated_short.slack_m_n),
+        free!(0.001, 0.3, arm.corners.empty_long.slack_m_n),
+        free!(0.001, 0.3, arm.corners.inflated_long.slack_m_n),
+    ]
+}

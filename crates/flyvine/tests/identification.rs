@@ -1,0 +1,162 @@
+//! Lag models on recordings: the independent reference vehicle, and real Crazyflies with a slung load.
+
+use flyvine::flight::{Flight, HygieneOptions, Mapping, clean, read_flight};
+use flyvine::model::{CheckReport, Finding, FitOptions, Ridge, Structure, check, fit_bank};
+use std::path::{Path, PathBuf};
+
+/// Folder of the shared data, or `None` (said on stderr) where it is absent and not required.
+fn shared_data() -> Option<PathBuf> {
+    let beside_workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let folder = std::env::var_os("FLYVINE_SHARED_DATA").map_or(beside_workspace, PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    let required = std::env::var_os("FLYVINE_REQUIRE_SHARED_DATA").is_some_and(|value| value == "1");
+    assert!(
+        !required,
+        "shared data required, but {} is absent",
+        folder.display()
+    );
+    eprintln!("skipped: no shared data at {}", folder.display());
+    None
+}
+
+/// The recordings in `folder` whose names match, by name, cleaned.
+fn flights(folder: &Path, matches: impl Fn(&str) -> bool, read: impl Fn(&Path) -> Flight) -> Vec<Flight> {
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| matches(path.file_name().unwrap().to_str().unwrap()))
+        .collect();
+    paths.sort();
+    let cleaned = |path: &PathBuf| {
+        let mut flight = read(path);
+        clean(&mut flight, &HygieneOptions::default());
+        flight
+    };
+    paths.iter().map(cleaned).collect()
+}
+
+fn reference_flights(matches: impl Fn(&str) -> bool) -> Option<Vec<Flight>> {
+    Some(flights(&shared_data()?.join("flights"), matches, |path| {
+        read_flight(path).unwrap()
+    }))
+}
+
+/// Median error, m, and share diverged of `flight` at `horizon_s`.
+fn rollout(report: &CheckReport, flight: &str, horizon_s: f64) -> (f64, f64) {
+    let found = report
+        .flights
+        .iter()
+        .find(|checked| checked.path.contains(flight))
+        .unwrap();
+    let error = found
+        .rollout
+        .iter()
+        .find(|error| (error.horizon_s - horizon_s).abs() < 1e-9)
+        .unwrap();
+    (error.median_m.unwrap(), error.diverged_share)
+}
+
+/// The paper's least squares on the same data, cm: 2.5 s and 10 s (data/README.md of the shared data).
+const PAPER_CM: [(&str, f64, f64); 4] = [
+    ("ES", 2.4, 3.9),
+    ("IS", 2.8, 4.8),
+    ("EL", 2.1, 3.0),
+    ("IL", 2.7, 4.1),
+];
+
+#[test]
+fn defaults_roll_out_as_well_as_plain_least_squares_and_never_diverge() {
+    let Some(train) = reference_flights(|name| name.contains("_train")) else {
+        return;
+    };
+    let test = reference_flights(|name| name.contains("_test1") || name.starts_with("mid_")).unwrap();
+    let (bank, report) = fit_bank(&train, &FitOptions::default()).unwrap();
+    let checked = check(&bank, &test).unwrap();
+    for (corner, paper_2_5_s, paper_10_s) in PAPER_CM {
+        for (horizon_s, paper_cm) in [(2.5, paper_2_5_s), (10.0, paper_10_s)] {
+            let (median_m, diverged) = rollout(&checked, &format!("{corner}_test1"), horizon_s);
+            let median_cm = 100.0 * median_m;
+            assert!(
+                median_cm <= 1.1 * paper_cm,
+                "{corner} at {horizon_s} s: {median_cm:.2} cm"
+            );
+            assert_eq!(diverged, 0.0, "{corner} at {horizon_s} s");
+        }
+    }
+    assert!(checked.models.iter().all(|model| model.spectral_radius < 1.0));
+    // The four fits of held-out flights diverge with plain least squares, which is noticed.
+    assert!(
+        matches!(report.findings[..], [Finding::PlainLeastSquaresUnusable { .. }]),
+        "{:?}",
+        report.findings
+    );
+    assert!(report.chosen.height_ridge > Some(0.0));
+}
+
+#[test]
+fn the_papers_structure_plain_is_the_papers_result() {
+    let Some(train) = reference_flights(|name| name.starts_with("ES_train")) else {
+        return;
+    };
+    let test = reference_flights(|name| name.starts_with("ES_test1")).unwrap();
+    let plain = FitOptions {
+        height_ridge: Ridge::Value(0.0),
+        linear_ridge: Ridge::Value(0.0),
+        ..FitOptions::default()
+    };
+    let (bank, _) = fit_bank(&train, &plain).unwrap();
+    let checked = check(&bank, &test).unwrap();
+    // An independent least squares (numpy.linalg.lstsq on raw columns) gives 2.44 and 3.90 cm.
+    assert!((rollout(&checked, "ES", 2.5).0 - 0.0244).abs() < 1e-3);
+    assert!((rollout(&checked, "ES", 10.0).0 - 0.0390).abs() < 1e-3);
+    let linear = FitOptions {
+        structure: Structure::Linear,
+        ..plain
+    };
+    let (bank, _) = fit_bank(&train, &linear).unwrap();
+    let checked = check(&bank, &test).unwrap();
+    assert!((rollout(&checked, "ES", 2.5).0 - 0.0342).abs() < 1e-3);
+}
+
+#[test]
+fn a_slung_load_needs_more_than_plain_least_squares_and_gets_it() {
+    let Some(folder) = shared_data().map(|data| data.join("slung_load/cf_slung_single")) else {
+        return;
+    };
+    let mappings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/mappings");
+    let mapping = Mapping::read(&mappings.join("crazyflie_slung.toml")).unwrap();
+    // log206 spins on the spot and is another thing.
+    let all = flights(
+        &folder,
+        |name| name.ends_with(".csv") && name != "log206.csv",
+        |path| mapping.read_flight(path).unwrap(),
+    );
+    assert_eq!(all.len(), 5);
+    let mut medians = Vec::new();
+    for left_out in 0..all.len() {
+        let train: Vec<Flight> = (0..all.len())
+            .filter(|&index| index != left_out)
+            .map(|index| all[index].clone())
+            .collect();
+        let (bank, report) = fit_bank(&train, &FitOptions::default()).unwrap();
+        assert!(
+            matches!(report.findings[0], Finding::PlainLeastSquaresUnusable { .. }),
+            "{:?}",
+            report.findings
+        );
+        let checked = check(&bank, &all[left_out..=left_out]).unwrap();
+        let (median_m, _) = rollout(&checked, "log", 2.5);
+        eprintln!(
+            "{}: {:.1} cm with {:?}",
+            all[left_out].name,
+            100.0 * median_m,
+            report.chosen
+        );
+        medians.push(median_m);
+    }
+    medians.sort_by(f64::total_cmp);
+    // Plain least squares: 217 cm at 2 s; nothing moves: 66 cm.
+    assert!(medians[2] <= 0.07, "{medians:?}");
+}
