@@ -29,7 +29,12 @@ pub fn training_flights(seed: u64) -> Vec<TrainingFlight> {
     vec![
         TrainingFlight {
             name: "lemniscate_12s_to_4s",
-            commands: shrinking_lemniscate(),
+            commands: shrinking_lemniscate(1.0, 12.0, 4.0),
+        },
+        // The arm swings wide of a fast quadrotor, so that fast plans command about half the amplitude.
+        TrainingFlight {
+            name: "small_lemniscate_7s_to_4s",
+            commands: shrinking_lemniscate(0.6, 7.0, 4.0),
         },
         TrainingFlight {
             name: "swings",
@@ -75,21 +80,17 @@ fn fade_in(t_s: f64) -> f64 {
     (t_s / 2.0).min(1.0)
 }
 
-/// A lemniscate whose period shrinks from 12 s to 4 s over 60 s.
-fn shrinking_lemniscate() -> Vec<[f64; 3]> {
+/// A lemniscate of the given x amplitude (m) whose period shrinks linearly over 60 s.
+fn shrinking_lemniscate(amplitude: f64, from_s: f64, to_s: f64) -> Vec<[f64; 3]> {
     const DURATION_S: f64 = 60.0;
-    let period = |t: f64| 12.0 - 8.0 * t / DURATION_S;
-    let mut phase = 0.0;
-    let phases: Vec<f64> = (0..(DURATION_S / DT) as usize)
+    let period = |t: f64| from_s + (to_s - from_s) * t / DURATION_S;
+    let mut phase = 0.0_f64;
+    (0..(DURATION_S / DT) as usize)
         .map(|k| {
-            let here = phase;
+            let (sine, cosine) = phase.sin_cos();
             phase += TAU * DT / period(k as f64 * DT);
-            here
+            [amplitude * sine, amplitude * cosine * sine, HOVER_HEIGHT_M]
         })
-        .collect();
-    phases
-        .iter()
-        .map(|phi| [phi.sin(), phi.cos() * phi.sin(), HOVER_HEIGHT_M])
         .collect()
 }
 
