@@ -54,7 +54,7 @@ fn a_lab_goes_from_recordings_to_a_scored_flight() {
         "lemniscate_12s_to_4s",
         "swings",
         "pretzel",
-        "random_steps",
+        "small_lemniscate_7s_to_4s",
         "rising_rose",
     ]
     .map(|name| training.join(format!("ES_{name}.csv")));

@@ -45,10 +45,6 @@ pub fn training_flights(seed: u64) -> Vec<TrainingFlight> {
             commands: pretzel(),
         },
         TrainingFlight {
-            name: "random_steps",
-            commands: random_steps(&mut random),
-        },
-        TrainingFlight {
             name: "rising_rose",
             commands: rising_rose(),
         },
