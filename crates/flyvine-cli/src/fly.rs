@@ -13,6 +13,7 @@ use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
 use crate::console::{progress, say};
+use crate::convert::extension;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 
 /// Fly a plan on a vehicle and record the flight.
@@ -22,7 +23,7 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 /// command: it refuses NaN, stale, frozen and jumping poses, and keeps quadrotor and tip inside the room. An aborted
 /// flight exits with code 3; its recording is kept.
 ///
-///   flyvine fly plan.json --vehicle sim --out flight.csv
+///   flyvine fly plan.json --vehicle sim --out flight.mcap
 ///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --out flight.csv
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
@@ -36,8 +37,8 @@ pub struct FlyArguments {
     /// The control law.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
-    /// Where to write the recording.
-    #[arg(long, value_name = "FLIGHT.csv")]
+    /// Where to write the recording: .mcap (opens in Foxglove, Rerun and PlotJuggler) or .csv.
+    #[arg(long, value_name = "FLIGHT")]
     out: PathBuf,
     /// Seed of the vehicle's noise.
     #[arg(long, default_value_t = 1)]
@@ -56,12 +57,11 @@ pub enum ControllerChoice {
 /// Runs `flyvine fly`.
 pub fn run(arguments: &FlyArguments) -> CommandResult {
     let plan = read_plan(&arguments.plan).or_input()?;
-    if arguments
-        .out
-        .extension()
-        .is_none_or(|extension| extension != "csv")
-    {
-        return bad_input(format!("--out {}: expected a .csv file", arguments.out.display()));
+    if !matches!(extension(&arguments.out), "csv" | "mcap") {
+        return bad_input(format!(
+            "--out {}: expected a .csv or .mcap file",
+            arguments.out.display()
+        ));
     }
     let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
     let bar = progress(plan.knots() as u64, "flying");
@@ -119,7 +119,7 @@ pub fn fly_plan(
         bounds.upper,
     )
     .or_input()?;
-    match controller {
+    let mut outcome = match controller {
         ControllerChoice::OpenLoop => fly(
             &trajectory,
             &mut OpenLoop::new(&trajectory),
@@ -134,7 +134,9 @@ pub fn fly_plan(
             let mut tracking = Tracking::new(&trajectory, &model).or_input()?;
             fly(&trajectory, &mut tracking, limits, vehicle, seed, progress).or_input()
         }
-    }
+    }?;
+    outcome.flight.name.clone_from(&plan.task.name);
+    Ok(outcome)
 }
 
 /// A vehicle, and the limits within which it may be flown.

@@ -24,6 +24,7 @@ mod lag;
 mod least_squares;
 mod one_step;
 mod options;
+pub mod physical;
 mod rollout;
 mod schedule;
 mod selection;
