@@ -392,3 +392,31 @@ fn late_and_mistaken_poses() {
     assert_eq!(swapped, now.iter().zip(&mistaken).filter(|(a, b)| a != b).count());
     assert!(swapped > 0);
 }
+
+/// The default step's error is far below what anybody could measure in flight.
+#[test]
+fn default_step_is_converged() {
+    let fly = |max_step_s: f64, index: usize| {
+        let mut parameters = VehicleParameters::default();
+        parameters.simulation.max_step_s = max_step_s;
+        let mut vehicle = SimulatedVehicle::new(parameters).expect("valid");
+        vehicle.reset(corner(index), 1).expect("a corner is in range");
+        (0..100)
+            .map(|k| {
+                let x = if k % 50 < 15 { 1.0 } else { 0.0 };
+                vehicle.step([x, 0.3 * x, 1.5], corner(index)).expect("flies");
+                vehicle.truth().end_effector
+            })
+            .collect::<Vec<_>>()
+    };
+    for index in 0..4 {
+        let (default, fine) = (fly(2.5e-3, index), fly(2.5e-3 / 16.0, index));
+        let squares: f64 = default
+            .iter()
+            .zip(&fine)
+            .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>())
+            .sum();
+        let rms = (squares / default.len() as f64).sqrt();
+        assert!(rms < 2e-3, "corner {index}: tip off by {:.3} mm", 1e3 * rms);
+    }
+}

@@ -15,7 +15,8 @@
 //!
 //! Joint i pulls link i towards link i−1 with the torque `−k φ s(|φ|) − c ω_rel`, where φ is the rotation
 //! vector from parent to child and `s = 1 / sqrt(1 + (k|φ|/M)²)` softens the spring where an inflated beam
-//! wrinkles (collapse moment M). The tip may slide along the last link's axis against a spring. Links and tip feel quadratic air drag, the base a linear one.
+//! wrinkles (collapse moment M). The tip may slide along the last link's axis against a spring. Links and tip
+//! feel quadratic air drag, the base a linear one.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -49,7 +50,7 @@ pub struct Joint {
     pub collapse_moment: f64,
 }
 
-/// Rigid body at the lower end of the last link, moving as one with it.
+/// Rigid body at the lower end of the last link, turning with it; it may slide along the link's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tip {
     /// Mass, kg.
