@@ -11,10 +11,13 @@ use faer::Mat;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Fewer flights than this at one configuration are cut into segments for cross-validation.
+/// With this many flights at one configuration, whole flights are held out in cross-validation.
 const WHOLE_FLIGHTS: usize = 3;
-/// Number of segments that fewer flights are cut into.
-const SEGMENTS: usize = 6;
+/// Most pieces that the flights of one configuration are cut into, if there are fewer.
+const MAX_PIECES: usize = 6;
+/// Rows of a piece: a 10-s rollout and some room.
+const PIECE_ROWS: usize = 300;
+
 /// Shape of a fit.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shape {
@@ -66,15 +69,11 @@ impl Corner {
         tracks: &[Track],
         shape: Shape,
     ) -> Result<Self, ModelError> {
-        let pieces = if members.len() >= WHOLE_FLIGHTS {
-            1
-        } else {
-            SEGMENTS / members.len()
-        };
         let cuts: Vec<(usize, Range<usize>)> = members
             .iter()
             .flat_map(|&track| {
                 let rows = tracks[track].rows();
+                let pieces = pieces(rows, members.len());
                 (0..pieces).map(move |piece| (track, rows * piece / pieces..rows * (piece + 1) / pieces))
             })
             .collect();
@@ -170,6 +169,14 @@ impl Corner {
             (height, Some(linear)) => Ok((height.flatten(), linear)),
         }
     }
+}
+
+/// Number of pieces that one of `flights` flights is cut into; at least two things must be there to hold one out.
+fn pieces(rows: usize, flights: usize) -> usize {
+    if flights >= WHOLE_FLIGHTS {
+        return 1;
+    }
+    (rows / PIECE_ROWS).clamp(if flights == 1 { 2 } else { 1 }, MAX_PIECES / flights)
 }
 
 impl Factors<TriangularFactor> {

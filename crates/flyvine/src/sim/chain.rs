@@ -371,6 +371,20 @@ impl Chain {
         end + (self.tip.offset_m + state.extension) * state.links.last().map_or(Vector3::zeros(), axis)
     }
 
+    /// Position (m) and velocity (m/s) of the end effector.
+    pub fn end_effector_motion(&self, state: &ChainState) -> (Vector3<f64>, Vector3<f64>) {
+        let mut velocity =
+            state.motion.linear + state.motion.angular.cross(&(self.clamp(state) - state.position));
+        for (link, (q, rate)) in self.links.iter().zip(state.links.iter().zip(&state.motion.links)) {
+            velocity += rate.cross(&(link.length_m * axis(q))) + self.growth.link_rate * axis(q);
+        }
+        if let (Some(q), Some(rate)) = (state.links.last(), state.motion.links.last()) {
+            velocity += rate.cross(&((self.tip.offset_m + state.extension) * axis(q)))
+                + state.motion.extension * axis(q);
+        }
+        (self.end_effector(state), velocity)
+    }
+
     /// Kinetic and potential energy, J (potential zero at height 0 with straight joints). Growth terms,
     /// of the order of the growth rate squared, are left out.
     pub fn energy(&self, state: &ChainState) -> (f64, f64) {
