@@ -107,3 +107,84 @@ fn condition_number(covariance: &[Vec<f64>]) -> f64 {
     let eigenvalues = correlation.symmetric_eigenvalues();
     (eigenvalues.max() / eigenvalues.min()).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::check;
+    use super::super::physical::synthetic::{random_commands, simulate_flight};
+    use super::super::physical::{ArmLength, Parameters};
+    use super::*;
+    use crate::trajopt::Dynamics;
+
+    fn flights() -> Vec<Flight> {
+        let flight = |length_m: f64, seed: u64| {
+            let commands = random_commands(120, seed);
+            let name = format!("{length_m} m, flight {seed}");
+            simulate_flight(&name, &Parameters::defaults(), length_m, &commands, 3e-4, seed).0
+        };
+        vec![flight(0.7, 1), flight(1.0, 2)]
+    }
+
+    fn quick() -> PhysicalFitOptions {
+        PhysicalFitOptions {
+            max_iterations: 1,
+            ..PhysicalFitOptions::default()
+        }
+    }
+
+    #[test]
+    fn a_bank_of_two_lengths_shares_one_vehicle_and_predicts_its_flights() {
+        let flights = flights();
+        let bank = fit_physical_bank(&flights, &quick(), &mut |_, _| {}).unwrap();
+        let parameters: Vec<&Parameters<f64>> = bank
+            .models()
+            .iter()
+            .map(|model| match &model.model {
+                Model::Physical(model) => &model.parameters,
+                Model::Lag(_) => panic!("a physical model"),
+            })
+            .collect();
+        assert_eq!(parameters[0].with_vehicle(parameters[1]), *parameters[0]);
+        let report = check(&bank, &flights).unwrap();
+        for flight in &report.flights {
+            let error = flight.rollout[2].median_m.unwrap();
+            assert!(error < 0.02, "{}: {error} m at 2.5 s", flight.path);
+        }
+        assert!(report.models.iter().all(|model| model.spectral_radius < 1.0));
+
+        let text = serde_json::to_string(&bank).unwrap();
+        assert!(serde_json::from_str::<Bank>(&text).unwrap() == bank);
+    }
+
+    #[test]
+    fn a_schedule_knows_how_fast_the_arm_grows() {
+        let model = |length_m: f64| {
+            let fit = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(length_m)).unwrap();
+            BankModel {
+                configuration: at_length(length_m),
+                model: Model::Physical(fit),
+                diagnostics: ModelDiagnostics::default(),
+            }
+        };
+        let bank = Bank::new(vec![model(0.7), model(1.0)], BankProvenance::default()).unwrap();
+        let lengths = [0.7, 0.7, 0.701, 0.702, 0.702];
+        let schedule = bank.scheduled(&lengths.map(at_length)).unwrap();
+        let rates: Vec<f64> = (0..7)
+            .map(|knot| match schedule.at_knot(knot) {
+                Model::Physical(model) => model.arm.rate_m_s,
+                Model::Lag(_) => panic!("a physical model"),
+            })
+            .collect();
+        for (found, expected) in rates.iter().zip([0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.0]) {
+            assert!((found - expected).abs() < 1e-12, "{rates:?}");
+        }
+        assert_eq!(schedule.state_len(), schedule.fresh_len());
+    }
+
+    fn at_length(length_m: f64) -> Configuration {
+        Configuration {
+            length_m,
+            pressure_kpa: 0.0,
+        }
+    }
+}

@@ -42,7 +42,7 @@ mod scalar;
 mod state;
 mod step;
 #[cfg(test)]
-mod synthetic;
+pub(super) mod synthetic;
 mod vector;
 
 pub use arm::ArmLength;
