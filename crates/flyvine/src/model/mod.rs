@@ -10,6 +10,7 @@
 //!   plan can carry it.
 //! - [`LagModel`], [`Model`] and [`ScheduledModel`] are [`crate::trajopt::Dynamics`]; [`rest_state`] is where
 //!   plans start; [`Model::spectral_radius`] says whether predictions run away.
+//! - [`fit_physical_bank`]: the same with the physical family ([`physical`]).
 //! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
 
 mod bank;
@@ -25,6 +26,7 @@ mod least_squares;
 mod one_step;
 mod options;
 pub mod physical;
+mod physical_bank;
 mod rollout;
 mod schedule;
 mod selection;
@@ -42,6 +44,7 @@ pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use options::{FitOptions, Ridge, Structure, VelocityInput};
+pub use physical_bank::fit_physical_bank;
 pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError};

@@ -16,9 +16,11 @@ use super::scalar::Scalar;
 use super::state::{LINKS, State};
 use super::vector::{Attitude, Vector};
 use crate::GRAVITY;
+use serde::{Deserialize, Serialize};
 
 /// Length of the arm and how fast it grows.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ArmLength {
     /// Rest distance from the quadrotor to the end effector, m.
     pub length_m: f64,

@@ -1,7 +1,9 @@
 //! The physical model as [`Dynamics`] that a plan can be optimized on.
+//!
+//! The state is the flat layout of [`State`]: its first nine entries are the outputs `x ∈ R⁹`, so a cost on the
+//! outputs is a cost on these entries, with zero weight on the hidden rest. Nothing is a shifted copy.
 
-use super::arm::ArmLength;
-use super::error::PhysicalError;
+use super::model::PhysicalModel;
 use super::parameters::Parameters;
 use super::scalar::Dual;
 use super::state::{STATE_LEN, State};
@@ -13,59 +15,8 @@ use crate::trajopt::Dynamics;
 const COMMAND_LEN: usize = 3;
 /// Variables of the Jacobian.
 const VARIABLES: usize = STATE_LEN + COMMAND_LEN;
-/// Least room for the arm below its base, m.
-const SHORTEST_ARM_M: f64 = 0.05;
 
-/// Parameters and arm length per knot; knots past the end keep the last ones, without growth.
-///
-/// The state is the flat layout of [`State`]: its first nine entries are the outputs `x ∈ R⁹`, so a cost on the
-/// outputs is a cost on these entries, with zero weight on the hidden rest.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PhysicalDynamics {
-    parameters: Vec<Parameters<f64>>,
-    arms: Vec<ArmLength>,
-}
-
-impl PhysicalDynamics {
-    /// One entry of each per knot (one entry: constant).
-    ///
-    /// # Errors
-    /// No knot, arrays of different lengths, a parameter outside its bounds, or an arm without length.
-    pub fn new(parameters: Vec<Parameters<f64>>, arms: Vec<ArmLength>) -> Result<Self, PhysicalError> {
-        if parameters.len() != arms.len() || arms.is_empty() {
-            return Err(PhysicalError::Shape {
-                what: "arm lengths of the schedule",
-                found: arms.len(),
-                expected: parameters.len().max(1),
-            });
-        }
-        for (knot, (set, arm)) in parameters.iter().zip(&arms).enumerate() {
-            PhysicalError::check_bounds(set)?;
-            let shortest_m = set.base_offset + SHORTEST_ARM_M;
-            let usable = arm.length_m >= shortest_m && arm.length_m.is_finite() && arm.rate_m_s.is_finite();
-            if !usable {
-                return Err(PhysicalError::ArmTooShort {
-                    knot,
-                    length_m: arm.length_m,
-                    shortest_m,
-                });
-            }
-        }
-        Ok(PhysicalDynamics { parameters, arms })
-    }
-
-    /// Parameters and arm at `knot`.
-    pub fn at_knot(&self, knot: usize) -> (&Parameters<f64>, ArmLength) {
-        let last = self.arms.len() - 1;
-        let mut arm = self.arms[knot.min(last)];
-        if knot > last {
-            arm.rate_m_s = 0.0;
-        }
-        (&self.parameters[knot.min(last)], arm)
-    }
-}
-
-impl Dynamics for PhysicalDynamics {
+impl Dynamics for PhysicalModel {
     fn state_len(&self) -> usize {
         STATE_LEN
     }
@@ -78,15 +29,24 @@ impl Dynamics for PhysicalDynamics {
         STATE_LEN
     }
 
-    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        let (parameters, arm) = self.at_knot(knot);
+    fn step(&self, _knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
         let command = Vector([command[0], command[1], command[2]]);
-        step(parameters, arm, &State::from_flat(state), &command).write_flat(fresh);
+        step(&self.parameters, self.arm, &State::from_flat(state), &command).write_flat(fresh);
     }
 
     fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let (parameters, arm) = self.at_knot(knot);
-        let parameters: Parameters<Dual<VARIABLES>> = parameters.lift();
+        self.linearize(knot, state, command, &mut [0.0; STATE_LEN], jacobian);
+    }
+
+    fn linearize(
+        &self,
+        _knot: usize,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
+        let parameters: Parameters<Dual<VARIABLES>> = self.parameters.lift();
         let variables: [Dual<VARIABLES>; VARIABLES] = std::array::from_fn(|i| {
             let value = if i < STATE_LEN {
                 state[i]
@@ -95,29 +55,25 @@ impl Dynamics for PhysicalDynamics {
             };
             Dual::variable(value, i)
         });
+        let [x, y, z] = [0, 1, 2].map(|i| variables[STATE_LEN + i]);
+        let mut next = [Dual::from(0.0); STATE_LEN];
         let state = State::from_flat(&variables[..STATE_LEN]);
-        let command = Vector([
-            variables[STATE_LEN],
-            variables[STATE_LEN + 1],
-            variables[STATE_LEN + 2],
-        ]);
-        let mut fresh = [Dual::from(0.0); STATE_LEN];
-        step(&parameters, arm, &state, &command).write_flat(&mut fresh);
-        for (row, entry) in jacobian.chunks_exact_mut(VARIABLES).zip(&fresh) {
+        step(&parameters, self.arm, &state, &Vector([x, y, z])).write_flat(&mut next);
+        for (entry, (row, value)) in next.iter().zip(jacobian.chunks_exact_mut(VARIABLES).zip(fresh)) {
             row.copy_from_slice(&entry.gradient);
+            *value = entry.value;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::arm::ArmLength;
     use super::*;
 
     /// States along a lively manoeuvre, with every part of the model in motion.
-    fn states(dynamics: &PhysicalDynamics) -> Vec<Vec<f64>> {
-        let (parameters, arm) = dynamics.at_knot(0);
-        let mut state = vec![0.0; STATE_LEN];
-        State::rest(parameters, arm.length_m, [0.0, 0.0, 1.5]).write_flat(&mut state);
+    fn states(dynamics: &PhysicalModel) -> Vec<Vec<f64>> {
+        let mut state = dynamics.rest_state([0.0, 0.0, 1.5]);
         let mut states = vec![state.clone()];
         for knot in 0..60 {
             let phase = f64::from(knot / 12);
@@ -140,7 +96,7 @@ mod tests {
             length_m: 0.8,
             rate_m_s: 0.02,
         };
-        let dynamics = PhysicalDynamics::new(vec![Parameters::defaults()], vec![growing]).unwrap();
+        let dynamics = PhysicalModel::new(Parameters::defaults(), growing).unwrap();
         let command = [0.9, -0.4, 1.7];
         for state in states(&dynamics).iter().step_by(7) {
             let mut jacobian = vec![0.0; STATE_LEN * VARIABLES];
@@ -173,21 +129,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn bad_schedules_are_refused() {
-        let good = Parameters::defaults();
-        let arm = ArmLength::constant(0.7);
-        assert!(PhysicalDynamics::new(vec![], vec![]).is_err());
-        assert!(PhysicalDynamics::new(vec![good], vec![arm, arm]).is_err());
-        assert!(PhysicalDynamics::new(vec![good], vec![ArmLength::constant(0.01)]).is_err());
-        assert!(PhysicalDynamics::new(vec![good], vec![ArmLength::constant(f64::NAN)]).is_err());
-        let bad = Parameters {
-            rate_gain: -1.0,
-            ..good
-        };
-        let error = PhysicalDynamics::new(vec![bad], vec![arm]).unwrap_err();
-        assert!(error.to_string().contains("rate_gain"), "{error}");
     }
 }

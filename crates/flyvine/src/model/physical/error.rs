@@ -1,6 +1,5 @@
 //! What can be wrong with the physical model's input.
 
-use super::parameters::Parameters;
 use crate::flight::Configuration;
 
 /// Input that the physical model cannot use.
@@ -64,13 +63,15 @@ pub enum PhysicalError {
         /// Unit.
         unit: &'static str,
     },
-    /// The arm's length leaves no room for the arm below its base.
-    #[error("arm length {length_m} m at knot {knot}: expected more than {shortest_m} m")]
+    /// The arm's length leaves no room below its base, or is not a number.
+    #[error(
+        "arm of {length_m} m, growing by {rate_m_s} m/s: expected a finite length of at least {shortest_m} m"
+    )]
     ArmTooShort {
-        /// Knot of the schedule.
-        knot: usize,
         /// Length found.
         length_m: f64,
+        /// Growth found.
+        rate_m_s: f64,
         /// Shortest length that can be used.
         shortest_m: f64,
     },
@@ -90,20 +91,4 @@ pub enum PhysicalError {
     /// No start of the fit gave a simulation that stayed finite.
     #[error("the physical model's simulation diverged from every start of the fit")]
     Diverged,
-}
-
-impl PhysicalError {
-    /// Refuses parameters outside their bounds.
-    pub(super) fn check_bounds(parameters: &Parameters<f64>) -> Result<(), Self> {
-        match parameters.out_of_bounds() {
-            None => Ok(()),
-            Some((info, found)) => Err(Self::OutOfBounds {
-                name: info.name,
-                found,
-                lower: info.lower,
-                upper: info.upper,
-                unit: info.unit,
-            }),
-        }
-    }
 }

@@ -23,8 +23,8 @@
 //!   between configurations: positive parameters geometrically, others arithmetically, lengths by the arm's own.
 //! - [`fit_physical`]: flights of one configuration → [`PhysicalModel`] (serializable, with its provenance and
 //!   the posterior covariance).
-//! - [`PhysicalDynamics`] is [`crate::trajopt::Dynamics`] along a schedule of parameters and arm lengths; all
-//!   derivatives are exact, by forward-mode differentiation of the same code (`scalar.rs`).
+//! - [`PhysicalModel`] is [`crate::trajopt::Dynamics`]; all derivatives are exact, by forward-mode differentiation
+//!   of the same code (`scalar.rs`). Along a schedule it is a [`super::ScheduledModel`], which knows the growth.
 //! - [`observe`] estimates the hidden states from a flight's poses by an extended Kalman filter: rollouts
 //!   start from its estimates.
 
@@ -42,11 +42,10 @@ mod scalar;
 mod state;
 mod step;
 #[cfg(test)]
-mod synthetic;
+pub(super) mod synthetic;
 mod vector;
 
 pub use arm::ArmLength;
-pub use dynamics::PhysicalDynamics;
 pub use error::PhysicalError;
 pub use fit::{FitProgress, PhysicalFitOptions, fit_physical};
 pub use flight_data::{FlightData, Observed, arm_lengths};

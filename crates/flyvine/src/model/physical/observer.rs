@@ -7,9 +7,9 @@
 //! P ← F P Fᵀ + Q,    K = P Cᵀ (C P Cᵀ + R)⁻¹,    z ← z + K (y − C z),    P ← (I − K C) P (I − K C)ᵀ + K R Kᵀ
 //! ```
 
-use super::dynamics::PhysicalDynamics;
 use super::error::PhysicalError;
 use super::flight_data::{FlightData, Observed};
+use super::parameters::Parameters;
 use super::state::{OUTPUT_LEN, STATE_LEN, State};
 use crate::trajopt::Dynamics;
 use nalgebra::{DMatrix, SMatrix, SVector};
@@ -71,13 +71,12 @@ impl Observer {
     }
 
     /// One knot on, under `command`.
-    pub fn predict(&mut self, dynamics: &PhysicalDynamics, knot: usize, command: &[f64; 3]) {
+    pub fn predict(&mut self, dynamics: &impl Dynamics, knot: usize, command: &[f64; 3]) {
         let width = STATE_LEN + command.len();
         let mut jacobian = vec![0.0; STATE_LEN * width];
-        dynamics.jacobian(knot, &self.state, command, &mut jacobian);
-        let transition = StateMatrix::from_fn(|i, j| jacobian[i * width + j]);
         let mut next = [0.0; STATE_LEN];
-        dynamics.step(knot, &self.state, command, &mut next);
+        dynamics.linearize(knot, &self.state, command, &mut next, &mut jacobian);
+        let transition = StateMatrix::from_fn(|i, j| jacobian[i * width + j]);
         self.state = next;
         self.covariance = transition * self.covariance * transition.transpose();
         for i in 0..STATE_LEN {
@@ -140,12 +139,16 @@ impl Observer {
     }
 }
 
-/// The estimated flat state at every row of `data` from row `first` on, each from this and earlier rows only.
+/// The estimated flat state at every row of `data` from row `first` on. From the third on, each is made of this
+/// and earlier rows only (the first guess looks two rows ahead).
+///
+/// `dynamics` counts the flight's rows as knots; `parameters` are those at row `first`.
 ///
 /// # Errors
 /// Row `first` does not exist or lacks a pose.
 pub fn observe(
-    dynamics: &PhysicalDynamics,
+    dynamics: &impl Dynamics,
+    parameters: &Parameters<f64>,
     data: &FlightData,
     first: usize,
 ) -> Result<Vec<[f64; STATE_LEN]>, PhysicalError> {
@@ -155,12 +158,11 @@ pub fn observe(
             row: data.first_row + first,
         });
     }
-    let (parameters, _) = dynamics.at_knot(first);
     let mut observer = Observer::new(&data.start(first, parameters));
     observer.correct(&data.observed[first]);
     let mut estimates = vec![*observer.state()];
     for row in first + 1..data.rows() {
-        observer.predict(dynamics, row - 1, &data.commands[row - 1]);
+        observer.predict(dynamics, data.first_row + row - 1, &data.commands[row - 1]);
         observer.correct(&data.observed[row]);
         estimates.push(*observer.state());
     }
@@ -171,12 +173,11 @@ pub fn observe(
 mod tests {
     use super::super::synthetic::{random_commands, simulate_flight};
     use super::*;
-    use crate::model::physical::{ArmLength, Parameters};
+    use crate::model::physical::{ArmLength, PhysicalModel};
 
     fn truth_and_estimates(masked: std::ops::Range<usize>) -> (Vec<[f64; STATE_LEN]>, Vec<[f64; STATE_LEN]>) {
         let parameters = Parameters::defaults();
-        let arm = ArmLength::constant(0.8);
-        let dynamics = PhysicalDynamics::new(vec![parameters], vec![arm]).unwrap();
+        let model = PhysicalModel::new(parameters, ArmLength::constant(0.8)).unwrap();
         let (mut flight, truth) =
             simulate_flight("synthetic", &parameters, 0.8, &random_commands(200, 3), 3e-4, 4);
         for sample in &mut flight.samples[masked] {
@@ -185,7 +186,10 @@ mod tests {
         }
         let data = FlightData::stretches(&flight).unwrap().remove(0);
         // From the middle of the manoeuvre, knowing nothing of what was before.
-        (truth[60..].to_vec(), observe(&dynamics, &data, 60).unwrap())
+        (
+            truth[60..].to_vec(),
+            observe(&model, &parameters, &data, 60).unwrap(),
+        )
     }
 
     fn worst(truth: &[f64; STATE_LEN], estimate: &[f64; STATE_LEN], entries: std::ops::Range<usize>) -> f64 {
@@ -217,11 +221,11 @@ mod tests {
     #[test]
     fn observing_needs_both_poses_at_the_start() {
         let parameters = Parameters::defaults();
-        let dynamics = PhysicalDynamics::new(vec![parameters], vec![ArmLength::constant(0.8)]).unwrap();
+        let model = PhysicalModel::new(parameters, ArmLength::constant(0.8)).unwrap();
         let (mut flight, _) = simulate_flight("synthetic", &parameters, 0.8, &random_commands(60, 3), 0.0, 4);
         flight.samples[10].end_effector = None;
         let data = FlightData::stretches(&flight).unwrap().remove(0);
-        assert!(observe(&dynamics, &data, 10).is_err());
-        assert!(observe(&dynamics, &data, 60).is_err());
+        assert!(observe(&model, &parameters, &data, 10).is_err());
+        assert!(observe(&model, &parameters, &data, 60).is_err());
     }
 }

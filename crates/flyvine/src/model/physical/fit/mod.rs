@@ -126,10 +126,11 @@ pub fn fit_physical(
     let covariance = hessian.cholesky().ok_or(PhysicalError::Diverged)?.inverse();
     Ok(PhysicalModel {
         parameters: minimum.parameters,
+        arm: stretches[0].arms[0],
         covariance: (0..PARAMETER_COUNT)
             .map(|i| covariance.row(i).iter().copied().collect())
             .collect(),
-        fit: FitSummary {
+        fit: Some(FitSummary {
             tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
             flights: flights.iter().map(|flight| flight.name.clone()).collect(),
             configuration: stretches[0].configurations[0],
@@ -138,7 +139,7 @@ pub fn fit_physical(
             iterations: minimum.iterations,
             converged: minimum.converged,
             options: options.clone(),
-        },
+        }),
     })
 }
 
