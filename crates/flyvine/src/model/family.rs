@@ -14,6 +14,7 @@ const HOVER_HEIGHT_M: f64 = 1.5;
 /// One predictor, of whichever family.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "family", rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant)] // a bank holds at most four
 pub enum Model {
     /// Polynomial in lagged states and commands.
     Lag(LagModel),
