@@ -17,7 +17,6 @@ pub(crate) fn shared_csv_files(folder: &str) -> Option<Vec<PathBuf>> {
             "shared data is required, but {} is absent",
             folder.display()
         );
-        #[allow(clippy::print_stderr)] // a skipped test says so
         eprintln!("skipped: no shared data at {}", folder.display());
         return None;
     }
