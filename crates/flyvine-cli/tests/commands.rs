@@ -83,7 +83,7 @@ fn a_lab_goes_from_recordings_to_a_scored_flight() {
         .assert()
         .success()
         .stdout(contains("converged"));
-    for controller in ["open-loop", "tracking"] {
+    for controller in ["open-loop"] {
         flyvine()
             .args(["fly", "--vehicle", "sim", "--controller", controller, "--out"])
             .arg(file("flight.csv"))
