@@ -83,7 +83,8 @@ fn a_lab_goes_from_recordings_to_a_scored_flight() {
         .assert()
         .success()
         .stdout(contains("converged"));
-    for controller in ["open-loop"] {
+    {
+        let controller = "open-loop";
         flyvine()
             .args(["fly", "--vehicle", "sim", "--controller", controller, "--out"])
             .arg(file("flight.csv"))
