@@ -2,46 +2,13 @@
 #![allow(missing_docs)] // criterion's macros make public functions
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use flyvine::benchmark::{BenchmarkProblem, read_problem};
-use flyvine::trajopt::{Dynamics, Options, Solver, Start};
+use flyvine::benchmark::{BenchmarkProblem, Dense, read_problem};
+use flyvine::trajopt::{Options, Solver, Start};
 use std::hint::black_box;
 
 fn read(name: &str) -> BenchmarkProblem {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../bench/problems");
     read_problem(format!("{folder}/{name}.json").as_ref()).expect("shipped")
-}
-
-/// The same dynamics with the shift hidden, so that the solver takes its dense path.
-struct Dense<'a, D>(&'a D);
-
-impl<D: Dynamics> Dynamics for Dense<'_, D> {
-    fn state_len(&self) -> usize {
-        self.0.state_len()
-    }
-
-    fn command_len(&self) -> usize {
-        self.0.command_len()
-    }
-
-    fn fresh_len(&self) -> usize {
-        self.0.state_len()
-    }
-
-    fn step(&self, knot: usize, state: &[f64], command: &[f64], next: &mut [f64]) {
-        let (fresh, shifted) = next.split_at_mut(self.0.fresh_len());
-        self.0.step(knot, state, command, fresh);
-        shifted.copy_from_slice(&state[..shifted.len()]);
-    }
-
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let (width, fresh) = (state.len() + command.len(), self.0.fresh_len());
-        jacobian.fill(0.0);
-        let (top, bottom) = jacobian.split_at_mut(fresh * width);
-        self.0.jacobian(knot, state, command, top);
-        for (i, row) in bottom.chunks_exact_mut(width).enumerate() {
-            row[i] = 1.0;
-        }
-    }
 }
 
 /// One Newton step of a convex problem: a rollout, one factorization, one closed-loop rollout.

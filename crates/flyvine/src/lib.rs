@@ -36,3 +36,5 @@ pub mod trajopt;
 pub const DT: f64 = 0.05;
 /// Standard gravity used throughout, m/s².
 pub const GRAVITY: f64 = 9.81;
+/// Height at which the quadrotor hovers when a flight starts, m.
+pub const HOVER_HEIGHT_M: f64 = 1.5;

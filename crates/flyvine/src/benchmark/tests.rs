@@ -1,6 +1,6 @@
 //! The shipped problems to their known optima.
 
-use super::{BenchmarkError, BenchmarkProblem, parse_problem, read_problem};
+use super::{BenchmarkError, BenchmarkProblem, Dense, parse_problem, read_problem};
 use crate::trajopt::{Dynamics, Options, Solution, Solver, Start, Status};
 use std::path::PathBuf;
 
@@ -213,52 +213,6 @@ fn swings_reach_the_best_known_optima() {
 fn convex_problems_reach_their_optima() {
     assert_optimum("linlem5_ES", 38.8183919, 1);
     assert_optimum("linkick_ES", 870.5007208, 13);
-}
-
-/// The same dynamics with the shift hidden: every entry of the next state counts as computed.
-struct Dense<'a, D>(&'a D);
-
-impl<D: Dynamics> Dynamics for Dense<'_, D> {
-    fn state_len(&self) -> usize {
-        self.0.state_len()
-    }
-
-    fn command_len(&self) -> usize {
-        self.0.command_len()
-    }
-
-    fn fresh_len(&self) -> usize {
-        self.0.state_len()
-    }
-
-    fn step(&self, knot: usize, state: &[f64], command: &[f64], next: &mut [f64]) {
-        let (fresh, shifted) = next.split_at_mut(self.0.fresh_len());
-        self.0.step(knot, state, command, fresh);
-        shifted.copy_from_slice(&state[..shifted.len()]);
-    }
-
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let (width, fresh) = (state.len() + command.len(), self.0.fresh_len());
-        jacobian.fill(0.0);
-        let (top, bottom) = jacobian.split_at_mut(fresh * width);
-        self.0.jacobian(knot, state, command, top);
-        for (i, row) in bottom.chunks_exact_mut(width).enumerate() {
-            row[i] = 1.0;
-        }
-    }
-
-    fn add_curvature(
-        &self,
-        knot: usize,
-        z: &[f64],
-        u: &[f64],
-        adjoint: &[f64],
-        scale: f64,
-        hessian: &mut [f64],
-    ) {
-        self.0
-            .add_curvature(knot, z, u, &adjoint[..self.0.fresh_len()], scale, hessian);
-    }
 }
 
 #[test]

@@ -4,12 +4,10 @@ use super::error::ModelError;
 use super::lag::{LagModel, STATE_LEN};
 use super::physical::PhysicalModel;
 use super::stability::spectral_radius;
+use crate::HOVER_HEIGHT_M;
 use crate::flight::Configuration;
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
-
-/// Height at which every flight starts and its state rests, m.
-const HOVER_HEIGHT_M: f64 = 1.5;
 
 /// One predictor, of whichever family.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

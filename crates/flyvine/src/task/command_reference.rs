@@ -35,7 +35,7 @@ impl CommandReference {
         if let Motion::Swing(swing) = task.motion() {
             let knots = task.knots() - 1;
             let commands: Vec<_> = (0..knots)
-                .map(|k| [swing_x(swing, k)[0], 0.0, super::HOVER_HEIGHT_M])
+                .map(|k| [swing_x(swing, k)[0], 0.0, crate::HOVER_HEIGHT_M])
                 .collect();
             let rollout_error_m = rollout(&commands).mean_error_m();
             return Self {

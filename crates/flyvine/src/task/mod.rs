@@ -29,9 +29,6 @@ pub use problem::pose_problem;
 pub use reference::Reference;
 pub use training::{TrainingFlight, test_flight, training_flights};
 
-/// Height at which the quadrotor hovers when a flight starts, m.
-pub const HOVER_HEIGHT_M: f64 = 1.5;
-
 /// Why a task cannot be posed.
 #[derive(Debug, thiserror::Error)]
 pub enum TaskError {

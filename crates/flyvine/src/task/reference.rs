@@ -1,12 +1,11 @@
 //! References of a task: where quadrotor and end effector should be at each knot.
 
-use super::HOVER_HEIGHT_M;
 use super::file::{Motion, Task};
 use super::lemniscate::lemniscate_xy;
 use super::swing::swing_x;
 use super::waypoints::waypoint_position;
-use crate::DT;
 use crate::flight::Configuration;
+use crate::{DT, HOVER_HEIGHT_M};
 
 /// References over the N knots of a task.
 #[derive(Debug, Clone, PartialEq)]

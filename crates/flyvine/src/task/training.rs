@@ -9,9 +9,8 @@ use std::f64::consts::TAU;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::HOVER_HEIGHT_M;
 use super::path;
-use crate::DT;
+use crate::{DT, HOVER_HEIGHT_M};
 
 /// Commands of one training flight.
 #[derive(Debug, Clone, PartialEq)]
