@@ -8,11 +8,10 @@ use flyvine::control::supervisor::{Limits, Room};
 use flyvine::control::{End, OpenLoop, Trajectory, fly};
 use flyvine::flight::{Configuration, Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::{Bank, FitOptions, check, fit_bank, rest_state};
-use flyvine::report::{RunSummary, Score};
+use flyvine::report::paper::{PublishedError, published_error};
+use flyvine::report::{Experiment, ExperimentKind, Results, RunSummary, Score};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use flyvine::task::{
-    Motion, Plan, PlanOptions, Task, TrainingFlight, make_plan, test_flight, training_flights,
-};
+use flyvine::task::{Plan, PlanOptions, Task, TrainingFlight, make_plan, test_flight, training_flights};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 
@@ -22,7 +21,7 @@ use crate::fit::{say_findings, write_json};
 use crate::flights::CORNERS;
 use crate::fly::{ControllerChoice, fly_plan};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
-use crate::run_folder::{read_results, write_experiment, write_report};
+use crate::run_folder::{experiment_folder, read_results, write_experiment, write_report};
 
 /// The tasks of the paper, as shipped in examples/tasks.
 const TASKS: [&str; 13] = [
@@ -66,7 +65,7 @@ pub fn run(arguments: &DemoArguments) -> CommandResult {
     let recordings = fly_training(folder, seed)?;
     let (bank, mut outcome) = identify(folder, &recordings)?;
     let plans = plan_tasks(&bank)?;
-    let scores = fly_plans(folder, &plans, seed)?;
+    fly_plans(folder, &plans, seed)?;
 
     let summary = RunSummary {
         title: "Flying vine: the paper's experiment on the simulated vehicle".to_owned(),
@@ -78,10 +77,20 @@ pub fn run(arguments: &DemoArguments) -> CommandResult {
     };
     write_json(&folder.join("run.json"), &summary)?;
     say("writing the report …");
-    let page = write_report(folder, &read_results(folder)?)?;
-    print(&score_table(&plans, &scores))?;
+    let results = read_results(folder)?;
+    for experiment in &results.experiments {
+        if let Some(score) = &experiment.score {
+            write_json(
+                &experiment_folder(folder, &experiment.name).join("score.json"),
+                score,
+            )?;
+        }
+    }
+    let page = write_report(folder, &results)?;
+    print(&score_table(&results))?;
     print(&format!("report: {}", page.display()))?;
-    if plans.iter().any(|plan| !plan.solve.converged) || scores.iter().any(Option::is_none) {
+    let trusted = |experiment: &Experiment| experiment.solver.converged && experiment.score.is_some();
+    if !results.experiments.iter().all(trusted) {
         outcome = Outcome::Untrusted;
     }
     Ok(outcome)
@@ -94,16 +103,15 @@ struct Recordings {
 }
 
 fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
-    let jobs: Vec<(usize, &str, Configuration, TrainingFlight)> = CORNERS
+    let jobs: Vec<(&str, Configuration, TrainingFlight)> = CORNERS
         .iter()
-        .enumerate()
-        .flat_map(|(corner, &(name, configuration))| {
+        .flat_map(|&(corner, configuration)| {
             let flights = training_flights(seed).into_iter().chain([test_flight(seed)]);
-            flights.map(move |flight| (corner, name, configuration, flight))
+            flights.map(move |flight| (corner, configuration, flight))
         })
         .collect();
     let bar = progress(jobs.len() as u64, "training");
-    let flights = in_parallel(&jobs, &bar, |index, (_, corner, configuration, training)| {
+    let flights = in_parallel(&jobs, &bar, |index, (corner, configuration, training)| {
         let mut flight = fly_commands(training, *configuration, seed.wrapping_add(1000 + index as u64))?;
         flight.name = format!("{corner}_{}", training.name);
         Ok(flight)
@@ -113,12 +121,11 @@ fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
         test: Vec::new(),
     };
     let mut hygiene = Vec::new();
-    for (mut flight, (_, _, _, training)) in flights.into_iter().zip(&jobs) {
+    for (mut flight, (_, _, training)) in flights.into_iter().zip(&jobs) {
         let is_test = training.name == "test_mixed";
         let place = if is_test { "test" } else { "training" };
         write_flight(&folder.join(place).join(format!("{}.csv", flight.name)), &flight).or_internal()?;
-        let report = clean(&mut flight, &HygieneOptions::default());
-        hygiene.push(report);
+        hygiene.push(clean(&mut flight, &HygieneOptions::default()));
         if is_test {
             &mut recordings.test
         } else {
@@ -200,30 +207,30 @@ fn plan_tasks(bank: &Bank) -> Result<Vec<Plan>, Failure> {
     })
 }
 
-/// Flies and scores every plan; no score where a flight was aborted.
-fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<Vec<Option<Score>>, Failure> {
+/// Flies every plan and writes its experiment.
+fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
     let bar = progress(plans.len() as u64, "flying");
     in_parallel(plans, &bar, |index, plan| {
         let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
         let seed = seed.wrapping_add(2000 + index as u64);
-        let mut keep_going = |_, _| ControlFlow::Continue(());
         let outcome = fly_plan(
             plan,
             ControllerChoice::OpenLoop,
             Limits::default(),
             &mut vehicle,
             seed,
-            &mut keep_going,
+            &mut |_, _| ControlFlow::Continue(()),
         )?;
-        let score = write_experiment(folder, plan, &outcome.flight)?;
+        write_experiment(folder, plan, &outcome.flight)?;
         if let End::Aborted { t_s, cause } = outcome.end {
             say(&format!(
                 "warning: {} was aborted at {t_s:.2} s: {cause}",
                 plan.task.name
             ));
         }
-        Ok(score)
-    })
+        Ok(())
+    })?;
+    Ok(())
 }
 
 /// Runs `job` on every item on all cores; results keep the items' order.
@@ -246,34 +253,33 @@ fn in_parallel<T: Sync, R: Send>(
 }
 
 /// Ours beside the paper's published numbers.
-fn score_table(plans: &[Plan], scores: &[Option<Score>]) -> String {
-    let rows = plans.iter().zip(scores).map(|(plan, score)| {
-        let (compared, published) = match plan.task.motion() {
-            Motion::Lemniscate(lemniscate)
-                if plan.task.name.ends_with("IS") && lemniscate.period_s == 10.0 =>
-            {
-                ("reference", "12")
-            }
-            Motion::Lemniscate(_) => ("reference", "5–9"),
-            Motion::Swing(_) => ("prediction", "13–16"),
-            Motion::Deploy(_) => ("prediction", "15"),
-            Motion::Waypoints(_) => ("reference", "–"),
-        };
+fn score_table(results: &Results) -> String {
+    let rows = results.experiments_in_order().into_iter().map(|experiment| {
         let column = |value: fn(&Score) -> f64| {
-            score
-                .as_ref()
-                .map_or("aborted".to_owned(), |s| centimetres(value(s)))
+            let score = experiment.score.as_ref();
+            score.map_or("aborted".to_owned(), |score| centimetres(value(score)))
         };
+        let miss = experiment.score.as_ref().and_then(|score| score.target_miss_m);
+        let published =
+            published_error(experiment).map_or("–".to_owned(), |PublishedError { low_m, high_m }| {
+                let compared = match experiment.kind {
+                    ExperimentKind::Lemniscate | ExperimentKind::Waypoints => "reference",
+                    ExperimentKind::Swing | ExperimentKind::Deploy => "prediction",
+                };
+                let range = if low_m == high_m {
+                    format!("{:.0}", 100.0 * low_m)
+                } else {
+                    format!("{:.0}–{:.0}", 100.0 * low_m, 100.0 * high_m)
+                };
+                format!("{range} ({compared})")
+            });
         vec![
-            plan.task.name.clone(),
-            plan.solve.status.clone(),
+            experiment.name.clone(),
+            experiment.solver.status.clone(),
             column(|score| score.ee_vs_reference.mean_m),
             column(|score| score.ee_vs_prediction.mean_m),
-            score
-                .as_ref()
-                .and_then(|s| s.target_miss_m)
-                .map_or(String::new(), centimetres),
-            format!("{published} ({compared})"),
+            miss.map_or(String::new(), centimetres),
+            published,
         ]
     });
     let header = [

@@ -14,12 +14,11 @@ use flyvine::flight::{Flight, HygieneReport, read_flight};
 use flyvine::model::{Bank, CheckReport};
 use flyvine::report::{
     Experiment, ExperimentKind, Figure, Finding, FlightRollout, HorizonError, ModelDiagnostics, Results,
-    RunSummary, Score, SolverSummary, SwingTask, figures, html,
+    RunSummary, SolverSummary, SwingTask, figures, html,
 };
 use flyvine::task::{Motion, Plan, read_plan};
 use serde::de::DeserializeOwned;
 
-use crate::fit::write_json;
 use crate::flights::{configuration_label, load_flight};
 use crate::outcome::{Blame, Failure, bad_input};
 use crate::score::{score_flight, swing_target};
@@ -85,17 +84,16 @@ pub fn write_report(folder: &Path, results: &Results) -> Result<PathBuf, Failure
     Ok(page)
 }
 
-/// Writes the files of one experiment; no score where the flight was aborted.
-pub fn write_experiment(folder: &Path, plan: &Plan, flight: &Flight) -> Result<Option<Score>, Failure> {
-    let folder = folder.join("experiments").join(&plan.task.name);
+/// Where an experiment's files are.
+pub fn experiment_folder(run: &Path, name: &str) -> PathBuf {
+    run.join("experiments").join(name)
+}
+
+/// Writes the plan and the flight of one experiment.
+pub fn write_experiment(run: &Path, plan: &Plan, flight: &Flight) -> Result<(), Failure> {
+    let folder = experiment_folder(run, &plan.task.name);
     flyvine::task::write_plan(&folder.join("plan.json"), plan).or_internal()?;
-    flyvine::flight::write_flight(&folder.join("flight.csv"), flight).or_internal()?;
-    if flight.samples.len() != plan.knots() {
-        return Ok(None);
-    }
-    let score = score_flight(plan, flight)?;
-    write_json(&folder.join("score.json"), &score)?;
-    Ok(Some(score))
+    flyvine::flight::write_flight(&folder.join("flight.csv"), flight).or_internal()
 }
 
 fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
