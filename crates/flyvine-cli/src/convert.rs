@@ -9,7 +9,7 @@ use flyvine::task::{read_plan, write_plan_csv};
 use crate::console::say;
 use crate::outcome::{Blame, CommandResult, Outcome, bad_input};
 
-/// Convert a recording to flyvine's CSV, or a plan to a CSV of its commands.
+/// Convert a recording to flyvine's CSV or MCAP, or a plan to a CSV of its commands.
 ///
 /// A recording in another CSV format needs a mapping (TOML): which columns hold what, in which units, which rows are
 /// valid; it is resampled to 20 Hz. See examples/mappings.
@@ -19,10 +19,10 @@ use crate::outcome::{Blame, CommandResult, Outcome, bad_input};
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct ConvertArguments {
-    /// What to read: a recording (.csv) or a plan (.json).
+    /// What to read: a recording (.csv, .mcap) or a plan (.json).
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// What to write (.csv).
+    /// What to write: a recording (.csv, .mcap), or a plan's commands (.csv).
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Column mapping of a recording in another format.
@@ -38,7 +38,7 @@ pub fn run(arguments: &ConvertArguments) -> CommandResult {
             let plan = read_plan(input).or_input()?;
             write_plan_csv(output, &plan).or_internal()?;
         }
-        ("csv" | "txt" | "tsv", "csv") => {
+        ("csv" | "txt" | "tsv" | "mcap", "csv" | "mcap") => {
             let mut flight = match &arguments.mapping {
                 Some(mapping) => Mapping::read(mapping).or_input()?.read_flight(input).or_input()?,
                 None => read_flight(input).or_input()?,
@@ -51,7 +51,7 @@ pub fn run(arguments: &ConvertArguments) -> CommandResult {
         }
         (from, to) => {
             return bad_input(format!(
-                "cannot convert .{from} to .{to}: expected a recording .csv or a plan .json, and an output .csv"
+                "cannot convert .{from} to .{to}: expected a recording (.csv, .mcap) to .csv or .mcap, or a plan (.json) to .csv"
             ));
         }
     }
@@ -59,7 +59,8 @@ pub fn run(arguments: &ConvertArguments) -> CommandResult {
     Ok(Outcome::Done)
 }
 
-fn extension(path: &Path) -> &str {
+/// A path's extension, empty where it has none.
+pub fn extension(path: &Path) -> &str {
     path.extension()
         .and_then(|extension| extension.to_str())
         .unwrap_or("")

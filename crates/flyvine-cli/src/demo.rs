@@ -147,7 +147,7 @@ fn fly_commands(
         [unbounded; 3],
     )
     .or_internal()?;
-    // Training shows the model more than the tasks need, so its room is a little larger than theirs.
+    // Training shows the model more than the tasks need, and the limp arm stretches in violent swings.
     let room = Room {
         x_m: [-2.5, 2.5],
         y_m: [-2.5, 2.5],
@@ -155,6 +155,7 @@ fn fly_commands(
     };
     let limits = Limits {
         room,
+        reach_margin_m: 0.3,
         ..Limits::default()
     };
     let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
@@ -209,6 +210,7 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<Vec<Option<Scor
         let outcome = fly_plan(
             plan,
             ControllerChoice::OpenLoop,
+            Limits::default(),
             &mut vehicle,
             seed,
             &mut keep_going,

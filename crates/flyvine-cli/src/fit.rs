@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use flyvine::flight::Flight;
 use flyvine::model::{
-    CheckReport, Finding, FitOptions, FitReport, InputFile, Ridge, Structure, VelocityInput, check, fit_bank,
+    Bank, CheckReport, Finding, FitOptions, FitReport, InputFile, Ridge, Structure, VelocityInput, check,
+    fit_bank, fit_physical_bank, physical::PhysicalFitOptions,
 };
 
 use crate::check::check_table;
@@ -32,6 +34,10 @@ pub struct FitArguments {
     /// Also write fit.json (everything that was tried) and check.json (errors on these flights) into this folder.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
+    /// Family of the models: `lag` is the paper's; `physical` is reduced-order physics of quadrotor, autopilot and
+    /// arm, fitted by simulation error (a minute or so), to which the other settings do not apply.
+    #[arg(long, value_enum, default_value_t = Family::Lag)]
+    family: Family,
     /// Rows of the model: `paper` has a quadratic end-effector height, `linear` has not.
     #[arg(long, value_enum, default_value_t = StructureChoice::Paper)]
     structure: StructureChoice,
@@ -50,6 +56,12 @@ pub struct FitArguments {
     /// Print the fit's report as JSON.
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Family {
+    Lag,
+    Physical,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -96,16 +108,11 @@ impl FitArguments {
 pub fn run(arguments: &FitArguments) -> CommandResult {
     let flights = load_flights(&arguments.flights)?;
     say(&format!("fitting {} flights …", flights.len()));
+    if arguments.family == Family::Physical {
+        return run_physical(arguments, &flights);
+    }
     let (bank, report) = fit_bank(&flights, &arguments.options()).or_input()?;
-    let inputs = arguments
-        .flights
-        .iter()
-        .map(|path| InputFile::of(path))
-        .collect::<Result<_, _>>()
-        .or_input()?;
-    let bank = bank.with_inputs(inputs);
-    bank.write(&arguments.out).or_internal()?;
-    let checked = check(&bank, &flights).or_internal()?;
+    let checked = write_and_check(arguments, bank, &flights)?;
     if let Some(folder) = &arguments.report {
         write_json(&folder.join("fit.json"), &report)?;
         write_json(&folder.join("check.json"), &checked)?;
@@ -117,6 +124,46 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     }
     say(&format!("wrote {}", arguments.out.display()));
     Ok(say_findings(&report.findings))
+}
+
+/// Fits the physical family.
+fn run_physical(arguments: &FitArguments, flights: &[Flight]) -> CommandResult {
+    let mut progress = |corner: usize, at: flyvine::model::physical::FitProgress| {
+        if at.start.is_none() {
+            say(&format!(
+                "corner {}, iteration {}: {:.1}",
+                corner + 1,
+                at.iteration,
+                at.objective
+            ));
+        }
+    };
+    let bank = fit_physical_bank(flights, &PhysicalFitOptions::default(), &mut progress).or_input()?;
+    let checked = write_and_check(arguments, bank, flights)?;
+    if let Some(folder) = &arguments.report {
+        write_json(&folder.join("check.json"), &checked)?;
+    }
+    if arguments.json {
+        print_json(&checked)?;
+    } else {
+        print("On the flights themselves (held-out flights: `flyvine check`):")?;
+        print(&check_table(&checked))?;
+    }
+    say(&format!("wrote {}", arguments.out.display()));
+    Ok(Outcome::Done)
+}
+
+/// Writes the bank with its inputs, and predicts the flights that it was fitted on.
+fn write_and_check(arguments: &FitArguments, bank: Bank, flights: &[Flight]) -> Result<CheckReport, Failure> {
+    let inputs = arguments
+        .flights
+        .iter()
+        .map(|path| InputFile::of(path))
+        .collect::<Result<_, _>>()
+        .or_input()?;
+    let bank = bank.with_inputs(inputs);
+    bank.write(&arguments.out).or_internal()?;
+    check(&bank, flights).or_internal()
 }
 
 /// Writes a value as JSON, whole or not at all.

@@ -7,11 +7,13 @@ use clap::{Args, ValueEnum};
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{End, FlightOutcome, OpenLoop, Tracking, Trajectory, fly};
 use flyvine::flight::write_flight;
-use flyvine::link::{ExecOptions, ExecVehicle, Vehicle};
+use flyvine::link::Vehicle;
+use flyvine::link::exec::{ExecOptions, ExecVehicle};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
 use crate::console::{progress, say};
+use crate::convert::extension;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 
 /// Fly a plan on a vehicle and record the flight.
@@ -21,7 +23,7 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 /// command: it refuses NaN, stale, frozen and jumping poses, and keeps quadrotor and tip inside the room. An aborted
 /// flight exits with code 3; its recording is kept.
 ///
-///   flyvine fly plan.json --vehicle sim --out flight.csv
+///   flyvine fly plan.json --vehicle sim --out flight.mcap
 ///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --out flight.csv
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
@@ -35,8 +37,8 @@ pub struct FlyArguments {
     /// The control law.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
-    /// Where to write the recording.
-    #[arg(long, value_name = "FLIGHT.csv")]
+    /// Where to write the recording: .mcap (opens in Foxglove, Rerun and PlotJuggler) or .csv.
+    #[arg(long, value_name = "FLIGHT")]
     out: PathBuf,
     /// Seed of the vehicle's noise.
     #[arg(long, default_value_t = 1)]
@@ -55,18 +57,18 @@ pub enum ControllerChoice {
 /// Runs `flyvine fly`.
 pub fn run(arguments: &FlyArguments) -> CommandResult {
     let plan = read_plan(&arguments.plan).or_input()?;
-    if arguments
-        .out
-        .extension()
-        .is_none_or(|extension| extension != "csv")
-    {
-        return bad_input(format!("--out {}: expected a .csv file", arguments.out.display()));
+    if !matches!(extension(&arguments.out), "csv" | "mcap") {
+        return bad_input(format!(
+            "--out {}: expected a .csv or .mcap file",
+            arguments.out.display()
+        ));
     }
-    let mut vehicle = open_vehicle(&arguments.vehicle)?;
+    let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
     let bar = progress(plan.knots() as u64, "flying");
     let outcome = fly_plan(
         &plan,
         arguments.controller,
+        limits,
         vehicle.as_mut(),
         arguments.seed,
         &mut |knot, _| {
@@ -102,6 +104,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
 pub fn fly_plan(
     plan: &Plan,
     controller: ControllerChoice,
+    limits: Limits,
     vehicle: &mut dyn Vehicle,
     seed: u64,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
@@ -116,8 +119,7 @@ pub fn fly_plan(
         bounds.upper,
     )
     .or_input()?;
-    let limits = Limits::default();
-    match controller {
+    let mut outcome = match controller {
         ControllerChoice::OpenLoop => fly(
             &trajectory,
             &mut OpenLoop::new(&trajectory),
@@ -132,29 +134,57 @@ pub fn fly_plan(
             let mut tracking = Tracking::new(&trajectory, &model).or_input()?;
             fly(&trajectory, &mut tracking, limits, vehicle, seed, progress).or_input()
         }
-    }
+    }?;
+    outcome.flight.name.clone_from(&plan.task.name);
+    Ok(outcome)
+}
+
+/// A vehicle, and the limits within which it may be flown.
+struct OpenVehicle {
+    vehicle: Box<dyn Vehicle>,
+    limits: Limits,
 }
 
 /// Opens `sim`, `sim:FILE` or `exec:PROGRAM ARGS`.
-fn open_vehicle(name: &str) -> Result<Box<dyn Vehicle>, Failure> {
-    match name.split_once(':') {
-        None if name == "sim" => Ok(Box::new(
-            SimulatedVehicle::new(VehicleParameters::default()).or_internal()?,
-        )),
+fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
+    let (vehicle, limits): (Box<dyn Vehicle>, Limits) = match name.split_once(':') {
+        None if name == "sim" => (
+            Box::new(SimulatedVehicle::new(VehicleParameters::default()).or_internal()?),
+            Limits::default(),
+        ),
         Some(("sim", path)) => {
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| anyhow::anyhow!("cannot read the vehicle file {path}: {error}"))
+            let (parameters, limits) = read_vehicle_file(path)
+                .map_err(|error| error.context(path.to_owned()))
                 .or_input()?;
-            let parameters = VehicleParameters::from_toml(&text)
-                .map_err(|error| anyhow::anyhow!("{path}: {error}"))
-                .or_input()?;
-            Ok(Box::new(SimulatedVehicle::new(parameters).or_input()?))
+            (Box::new(SimulatedVehicle::new(parameters).or_input()?), limits)
         }
-        Some(("exec", command_line)) => Ok(Box::new(
-            ExecVehicle::spawn(command_line, ExecOptions::default()).or_input()?,
-        )),
-        _ => bad_input(format!(
-            "--vehicle {name}: expected `sim`, `sim:vehicle.toml` or `exec:PROGRAM ARGS`"
-        )),
-    }
+        Some(("exec", command_line)) => {
+            let options = ExecOptions {
+                stderr_sink: Some(Box::new(std::io::stderr())),
+                ..ExecOptions::default()
+            };
+            (
+                Box::new(ExecVehicle::spawn(command_line, options).or_input()?),
+                Limits::default(),
+            )
+        }
+        _ => {
+            return bad_input(format!(
+                "--vehicle {name}: expected `sim`, `sim:vehicle.toml` or `exec:PROGRAM ARGS`"
+            ));
+        }
+    };
+    Ok(OpenVehicle { vehicle, limits })
+}
+
+/// A vehicle's TOML: the simulated vehicle's parameters, and a table `[supervisor]` with its limits.
+fn read_vehicle_file(path: &str) -> anyhow::Result<(VehicleParameters, Limits)> {
+    let mut table: toml::Table = std::fs::read_to_string(path)?.parse()?;
+    let limits = match table.remove("supervisor") {
+        Some(limits) => limits
+            .try_into()
+            .map_err(|error: toml::de::Error| anyhow::anyhow!("supervisor: {error}"))?,
+        None => Limits::default(),
+    };
+    Ok((VehicleParameters::from_toml(&toml::to_string(&table)?)?, limits))
 }

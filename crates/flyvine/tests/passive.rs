@@ -169,7 +169,8 @@ fn error_falls_with_the_square_of_the_step() {
 #[test]
 fn energy_is_kept_without_damping() {
     let parameters = parameters();
-    for (name, configuration) in &parameters.configs {
+    for name in ["IS", "EL"] {
+        let configuration = &parameters.configs[name];
         let mut chain = configuration.chain(parameters.n_links, parameters.gravity);
         chain.joints.iter_mut().for_each(|joint| joint.damping = 0.0);
         let total = |state: &ChainState| {

@@ -9,12 +9,11 @@
 
 use std::fmt::Write;
 use std::io::Read;
-use std::path::Path;
 
+use super::continuity::check_rate;
 use super::error::{FlightError, Problem};
 use super::table::{Column, Row, Table};
 use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
-use crate::DT;
 
 const CONFIGURATION: [&str; 2] = ["length_m", "pressure_kpa"];
 const COMMAND: [&str; 3] = ["cmd_x", "cmd_y", "cmd_z"];
@@ -22,31 +21,12 @@ const COMMAND_VELOCITY: [&str; 3] = ["cmd_vx", "cmd_vy", "cmd_vz"];
 const QUADROTOR: [&str; 7] = ["qr_x", "qr_y", "qr_z", "qr_qw", "qr_qx", "qr_qy", "qr_qz"];
 const END_EFFECTOR: [&str; 3] = ["ee_x", "ee_y", "ee_z"];
 
-/// Largest share by which a flight's median time step may differ from [`DT`].
-const RATE_TOLERANCE: f64 = 0.02;
-
-/// Reads a flight from a CSV file. Its name is the file's, without the extension.
-///
-/// Attitudes within 1 % of unit length are normalized; their signs are left as they are
-/// (see [`clean`](super::clean)).
+/// Reads a flight in the CSV format from any reader (`text.as_bytes()` for a string). `name` is the flight's
+/// name and what error messages call the input.
 ///
 /// # Errors
-/// Whatever is not the format above, with file, line and column; values whose unit looks wrong; a median
-/// rate other than 20 Hz. Single irregular time steps are no error: [`clean`](super::clean) reports them.
-pub fn read_flight(path: &Path) -> Result<Flight, FlightError> {
-    let shown = path.display().to_string();
-    let file = std::fs::File::open(path).map_err(|e| FlightError::in_file(&shown, e.into()))?;
-    let mut flight = parse_flight(&shown, file)?;
-    flight.name = flight_name(path);
-    Ok(flight)
-}
-
-/// Reads a flight as [`read_flight`] does, from any reader (`text.as_bytes()` for a string). `name` is the
-/// flight's name and what error messages call the input.
-///
-/// # Errors
-/// As [`read_flight`].
-pub fn parse_flight(name: &str, input: impl Read) -> Result<Flight, FlightError> {
+/// As [`read_flight`](super::read_flight).
+pub fn parse_csv(name: &str, input: impl Read) -> Result<Flight, FlightError> {
     let table = Table::read(name, input, b',')?;
     let columns = Columns::find(&table)?;
     let samples = table
@@ -61,29 +41,15 @@ pub fn parse_flight(name: &str, input: impl Read) -> Result<Flight, FlightError>
             return Err(table.error(row, columns.time, problem));
         }
     }
-    if let Some(step_s) = median_step(samples.iter().map(|sample| sample.t_s))
-        && (step_s / DT - 1.0).abs() > RATE_TOLERANCE
-    {
-        return Err(FlightError::in_file(name, Problem::NotTwentyHertz { step_s }).field("t_s"));
-    }
+    check_rate(name, &samples)?;
     Ok(Flight {
         name: name.to_owned(),
         samples,
     })
 }
 
-/// Writes a flight as a CSV file, whole or not at all. Reading it gives the same numbers, bit for bit.
-///
-/// # Errors
-/// A value that is not finite; the file cannot be written.
-pub fn write_flight(path: &Path, flight: &Flight) -> Result<(), FlightError> {
-    let shown = path.display().to_string();
-    let text = format_flight(&shown, flight)?;
-    crate::file::write_whole(path, text.as_bytes()).map_err(|e| FlightError::in_file(&shown, e.into()))
-}
-
 /// The flight as CSV text. Rust prints the shortest decimal that reads back as the same number.
-fn format_flight(file: &str, flight: &Flight) -> Result<String, FlightError> {
+pub(super) fn format_csv(file: &str, flight: &Flight) -> Result<String, FlightError> {
     let has_velocity = flight
         .samples
         .iter()
@@ -133,26 +99,6 @@ fn format_flight(file: &str, flight: &Flight) -> Result<String, FlightError> {
 
 fn optional(vector: Option<[f64; 3]>) -> [Option<f64>; 3] {
     vector.map_or([None; 3], |v| v.map(Some))
-}
-
-/// A flight's name: its file's, without folder and extension.
-pub(super) fn flight_name(path: &Path) -> String {
-    path.file_stem().map_or_else(
-        || path.display().to_string(),
-        |stem| stem.to_string_lossy().into_owned(),
-    )
-}
-
-/// The median difference of successive times, `None` if there are fewer than two.
-pub(super) fn median_step(times: impl Iterator<Item = f64> + Clone) -> Option<f64> {
-    let mut steps: Vec<f64> = times
-        .clone()
-        .skip(1)
-        .zip(times)
-        .map(|(next, t)| next - t)
-        .collect();
-    steps.sort_by(f64::total_cmp);
-    steps.get(steps.len() / 2).copied()
 }
 
 /// Where the format's columns are in one file.
@@ -258,4 +204,4 @@ fn whole<const N: usize>(
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

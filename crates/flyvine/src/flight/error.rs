@@ -11,7 +11,6 @@ pub struct FlightError {
     /// Where it was found.
     pub place: Place,
     /// What was found and what was expected.
-    #[source]
     pub problem: Box<Problem>,
 }
 
@@ -31,7 +30,7 @@ pub struct Place {
 #[non_exhaustive]
 pub enum Problem {
     /// The file cannot be read or written.
-    #[error("{0}")]
+    #[error("cannot be read or written: {0}")]
     Io(#[from] std::io::Error),
     /// Not a text file.
     #[error("found bytes that are not UTF-8 text, expected CSV")]
@@ -119,7 +118,7 @@ pub enum Problem {
     },
     /// A flight is not sampled at 20 Hz.
     #[error(
-        "found a median time step of {step_s} s, expected 0.05 s (20 Hz): {}",
+        "found a median time step of {step_s:.4} s, expected 0.05 s (20 Hz): {}",
         rate_hint(*step_s)
     )]
     NotTwentyHertz {
@@ -153,6 +152,23 @@ pub enum Problem {
         /// Its duration, s.
         found_s: f64,
     },
+    /// The file is not MCAP, or damaged.
+    #[error("not a whole MCAP file: {0}")]
+    NotMcap(String),
+    /// The MCAP file ends too early.
+    #[error(
+        "the file is cut off after {rows} whole rows, expected the end of an MCAP file; these rows can be recovered"
+    )]
+    CutOff {
+        /// Rows that are whole.
+        rows: usize,
+    },
+    /// A message is not what its topic promises.
+    #[error("not the message expected: {0}")]
+    NotAMessage(String),
+    /// A row of an MCAP file lacks a message.
+    #[error("missing, expected one message per row")]
+    NoMessage,
     /// The mapping is not the TOML it should be.
     #[error("{0}")]
     Toml(String),

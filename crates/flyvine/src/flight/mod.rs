@@ -7,8 +7,10 @@
 mod continuity;
 mod csv;
 mod error;
+mod files;
 mod hygiene;
 pub mod mapping;
+mod mcap;
 mod plausible;
 mod quaternion;
 mod resample;
@@ -17,8 +19,9 @@ pub(crate) mod shared_data;
 mod table;
 
 pub use self::continuity::CLOCK_TOLERANCE_S;
-pub use self::csv::{parse_flight, read_flight, write_flight};
+pub use self::csv::parse_csv;
 pub use self::error::{FlightError, Place, Problem};
+pub use self::files::{read_flight, recover_flight, write_flight};
 pub use self::hygiene::{Body, Fault, Finding, HygieneOptions, HygieneReport, clean};
 pub use self::mapping::Mapping;
 pub use self::resample::{Reading, Recording, RecordingRow, resample};

@@ -4,7 +4,7 @@
 //! are interpolated, linearly in position and on the shorter arc in attitude, but only between two
 //! measurements that are near in time: never across invalid rows, never over a long gap.
 
-use super::csv::median_step;
+use super::continuity::median_step;
 use super::error::{FlightError, Problem};
 use super::{Configuration, Flight, Pose, Sample, quaternion};
 use crate::DT;

@@ -3,7 +3,6 @@
 
 use super::error::ModelError;
 use super::family::Model;
-use super::lag::LagModel;
 use super::options::FitOptions;
 use super::schedule::ScheduledModel;
 use super::selection::Candidate;
@@ -126,9 +125,13 @@ impl Bank {
                 ordered.push(model.clone());
             }
         }
+        for model in &ordered {
+            if let Model::Physical(physical) = &model.model {
+                physical.validate()?;
+            }
+        }
         for (index, other) in ordered.iter().enumerate().skip(1) {
-            let (Model::Lag(first), Model::Lag(model)) = (&ordered[0].model, &other.model);
-            if let Some(what) = first.structure_difference(model) {
+            if let Some(what) = ordered[0].model.structure_difference(&other.model) {
                 return Err(ModelError::MixedStructure { index, what });
             }
         }
@@ -205,13 +208,11 @@ impl Bank {
         let mut parts = Vec::with_capacity(self.models.len());
         for (i, by_pressure) in along_pressure.iter().enumerate() {
             for (j, by_length) in along_length.iter().enumerate() {
-                let Model::Lag(model) = &self.models[i * along_length.len() + j].model;
+                let model = &self.models[i * along_length.len() + j].model;
                 parts.push((by_pressure * by_length, model));
             }
         }
-        // At a corner the corner's own coefficients, to the last bit.
-        parts.retain(|(weight, _)| *weight != 0.0);
-        Ok(Model::Lag(LagModel::combination(&parts)))
+        Ok(Model::between(&parts, configuration))
     }
 
     /// The time-varying model whose knot k has configuration `configurations[k]`; knots past the end keep the
@@ -227,10 +228,16 @@ impl Bank {
                 expected: 1,
             });
         }
+        let growth = |knot: usize| {
+            let next = configurations.get(knot + 1).unwrap_or(&configurations[knot]);
+            (next.length_m - configurations[knot].length_m) / crate::DT
+        };
         let mut schedule = ScheduledModel::default();
         for (knot, &configuration) in configurations.iter().enumerate() {
-            if knot == 0 || configuration != configurations[knot - 1] {
-                schedule.push(self.at(configuration)?);
+            let changed =
+                |before: usize| configuration != configurations[before] || growth(knot) != growth(before);
+            if knot.checked_sub(1).is_none_or(changed) {
+                schedule.push(self.at(configuration)?.growing(growth(knot)));
             } else {
                 schedule.repeat();
             }

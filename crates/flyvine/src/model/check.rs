@@ -3,8 +3,11 @@
 use super::bank::Bank;
 use super::error::ModelError;
 use super::family::Model;
-use super::one_step::one_step_rmse;
-use super::rollout::{RolloutError, summarize, window_errors};
+use super::lag::CommandInputs;
+use super::one_step::{one_step_rmse, one_step_rmse_from};
+use super::physical::{self, FlightData, observe};
+use super::rollout::{RolloutError, summarize, window_errors, window_errors_from};
+use super::schedule::ScheduledModel;
 use super::track::Track;
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
@@ -13,6 +16,11 @@ use std::collections::BTreeMap;
 
 /// Horizons of the rollouts, in steps: 0.5, 1, 2.5, 5 and 10 s.
 const HORIZONS: [usize; 5] = [10, 20, 50, 100, 200];
+
+/// Rows in a row that must be valid where a physical model's windows start, as for three lags.
+const OBSERVED_ROWS: usize = 3;
+
+type FlatState = [f64; physical::STATE_LEN];
 
 /// How well a bank predicts recordings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -82,11 +90,28 @@ pub fn check(bank: &Bank, flights: &[Flight]) -> Result<CheckReport, ModelError>
 }
 
 fn check_flight(bank: &Bank, flight: &Flight) -> Result<FlightCheck, ModelError> {
-    let Model::Lag(first) = &bank.models()[0].model;
-    let track = Track::new(flight, first.inputs())?;
+    let inputs = match &bank.models()[0].model {
+        Model::Lag(first) => first.inputs(),
+        Model::Physical(_) => CommandInputs::Position,
+    };
+    let track = Track::new(flight, inputs)?;
     let configurations = track.configurations();
     let model = bank.scheduled(&configurations)?;
-    let windows = window_errors(&model, &track, 0..track.rows(), &HORIZONS);
+    let rows = 0..track.rows();
+    let (windows, one_step_rmse) = match hidden_states(&model, flight)? {
+        None => (
+            window_errors(&model, &track, rows, &HORIZONS),
+            one_step_rmse(&model, &[&track]),
+        ),
+        Some(states) => {
+            let estimate = |row: usize, state: &mut [f64]| state.copy_from_slice(&states[row]);
+            let one_step = |_, row: usize, state: &mut [f64]| estimate(row, state);
+            (
+                window_errors_from(&model, &track, rows, &HORIZONS, OBSERVED_ROWS, &estimate),
+                one_step_rmse_from(&model, &[&track], OBSERVED_ROWS, &one_step),
+            )
+        }
+    };
     Ok(FlightCheck {
         path: flight.name.clone(),
         configuration: configurations[0],
@@ -94,11 +119,28 @@ fn check_flight(bank: &Bank, flight: &Flight) -> Result<FlightCheck, ModelError>
             .constant_configuration()
             .is_none()
             .then(|| configurations[configurations.len() - 1]),
-        one_step_rmse: one_step_rmse(&model, &[&track]),
+        one_step_rmse,
         rollout: HORIZONS
             .iter()
             .zip(&windows)
             .map(|(&steps, list)| summarize(&track, steps, list))
             .collect(),
     })
+}
+
+/// The states of a physical model along `flight`, estimated row by row from the poses up to that row; `None` for
+/// a model whose state is made of lags. Rows outside every observed stretch are zero: no window starts there.
+fn hidden_states(model: &ScheduledModel, flight: &Flight) -> Result<Option<Vec<FlatState>>, ModelError> {
+    let Model::Physical(_) = model.at_knot(0) else {
+        return Ok(None);
+    };
+    let mut states = vec![[0.0; physical::STATE_LEN]; flight.samples.len()];
+    for stretch in FlightData::stretches(flight)? {
+        let Model::Physical(first) = model.at_knot(stretch.first_row) else {
+            unreachable!("a bank holds models of one family");
+        };
+        let estimates = observe(model, &first.parameters, &stretch, 0)?;
+        states[stretch.first_row..][..estimates.len()].copy_from_slice(&estimates);
+    }
+    Ok(Some(states))
 }

@@ -6,6 +6,9 @@ use std::path::PathBuf;
 /// Why a model or bank cannot be built, read or evaluated.
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
+    /// The physical family cannot use its input.
+    #[error(transparent)]
+    Physical(#[from] super::physical::PhysicalError),
     /// An array has the wrong length.
     #[error("{what}: found {found} values, expected {expected}")]
     Shape {

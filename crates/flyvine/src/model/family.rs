@@ -2,6 +2,7 @@
 
 use super::error::ModelError;
 use super::lag::{LagModel, STATE_LEN};
+use super::physical::PhysicalModel;
 use super::stability::spectral_radius;
 use crate::flight::Configuration;
 use crate::trajopt::Dynamics;
@@ -16,18 +17,66 @@ const HOVER_HEIGHT_M: f64 = 1.5;
 pub enum Model {
     /// Polynomial in lagged states and commands.
     Lag(LagModel),
+    /// Reduced-order physics of quadrotor, autopilot and arm.
+    Physical(PhysicalModel),
 }
 
 impl Model {
-    /// Number of past states that its state z holds.
+    /// Number of states x, newest first, that its state z begins with; whatever follows is hidden.
     pub fn lags(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.lags()
+        match self {
+            Self::Lag(model) => model.lags(),
+            Self::Physical(_) => 1,
+        }
     }
 
-    /// The state z at rest: copies of hovering at (0, 0, 1.5) with the arm hanging straight.
+    /// The state z at rest, hovering at (0, 0, 1.5) with the arm hanging straight.
     pub fn rest_state(&self, configuration: Configuration) -> Vec<f64> {
-        rest_state(configuration, self.lags())
+        match self {
+            Self::Lag(model) => rest_state(configuration, model.lags()),
+            Self::Physical(model) => model.rest_state([0.0, 0.0, HOVER_HEIGHT_M]),
+        }
+    }
+
+    /// The model of the same configuration while the arm grows by `rate_m_s`. Only physics sees the difference.
+    pub(crate) fn growing(mut self, rate_m_s: f64) -> Self {
+        if let Self::Physical(model) = &mut self {
+            model.arm.rate_m_s = rate_m_s;
+        }
+        self
+    }
+
+    /// The model between `parts` of one family, with weights that sum to one, at `configuration`. Weights of zero
+    /// are left out, so that a corner's own model comes back to the last bit.
+    pub(crate) fn between(parts: &[(f64, &Self)], configuration: Configuration) -> Self {
+        let (mut lag, mut physical) = (Vec::new(), Vec::new());
+        for (weight, part) in parts.iter().filter(|(weight, _)| *weight != 0.0) {
+            match part {
+                Self::Lag(model) => lag.push((*weight, model)),
+                Self::Physical(model) => physical.push((*weight, model)),
+            }
+        }
+        if physical.is_empty() {
+            Self::Lag(LagModel::combination(&lag))
+        } else {
+            Self::Physical(PhysicalModel::between(&physical, configuration.length_m))
+        }
+    }
+
+    /// Why the two cannot be interpolated, if so.
+    pub(crate) fn structure_difference(&self, other: &Self) -> Option<String> {
+        match (self, other) {
+            (Self::Lag(first), Self::Lag(second)) => first.structure_difference(second),
+            (Self::Physical(_), Self::Physical(_)) => None,
+            _ => Some("one is a lag model, the other a physical one".into()),
+        }
+    }
+
+    fn dynamics(&self) -> &dyn Dynamics {
+        match self {
+            Self::Lag(model) => model,
+            Self::Physical(model) => model,
+        }
     }
 
     /// Spectral radius of the transition matrix linearized at rest; above 1 predictions run away.
@@ -53,33 +102,27 @@ pub fn rest_state(configuration: Configuration, lags: usize) -> Vec<f64> {
 
 impl Dynamics for Model {
     fn state_len(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.state_len()
+        self.dynamics().state_len()
     }
 
     fn command_len(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.command_len()
+        self.dynamics().command_len()
     }
 
     fn fresh_len(&self) -> usize {
-        let Self::Lag(model) = self;
-        model.fresh_len()
+        self.dynamics().fresh_len()
     }
 
     fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        let Self::Lag(model) = self;
-        model.step(knot, state, command, fresh);
+        self.dynamics().step(knot, state, command, fresh);
     }
 
     fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let Self::Lag(model) = self;
-        model.jacobian(knot, state, command, jacobian);
+        self.dynamics().jacobian(knot, state, command, jacobian);
     }
 
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
-        let Self::Lag(model) = self;
-        model.linearize(knot, z, u, fresh, jacobian);
+        self.dynamics().linearize(knot, z, u, fresh, jacobian);
     }
 
     fn add_curvature(
@@ -91,7 +134,6 @@ impl Dynamics for Model {
         scale: f64,
         hessian: &mut [f64],
     ) {
-        let Self::Lag(model) = self;
-        model.add_curvature(knot, z, u, adjoint, scale, hessian);
+        self.dynamics().add_curvature(knot, z, u, adjoint, scale, hessian);
     }
 }

@@ -356,14 +356,14 @@ fn unusable(error: &HeldOutError, standing_still: &HeldOutError) -> bool {
 }
 
 /// Flights by their place in the bank, as indices.
-struct Groups {
-    corners: Vec<(Configuration, Vec<usize>)>,
+pub(crate) struct Groups {
+    pub corners: Vec<(Configuration, Vec<usize>)>,
     /// Inside the range, or changing their configuration.
-    interior: Vec<usize>,
+    pub interior: Vec<usize>,
 }
 
 /// Finds the corners: the extreme lengths and pressures among the flights of constant configuration.
-fn group(flights: &[Flight]) -> Result<Groups, ModelError> {
+pub(crate) fn group(flights: &[Flight]) -> Result<Groups, ModelError> {
     let constant: Vec<(usize, Configuration)> = flights
         .iter()
         .enumerate()
@@ -414,7 +414,7 @@ fn group(flights: &[Flight]) -> Result<Groups, ModelError> {
 }
 
 /// Refuses one recording given twice.
-fn refuse_duplicates(flights: &[Flight]) -> Result<(), ModelError> {
+pub(crate) fn refuse_duplicates(flights: &[Flight]) -> Result<(), ModelError> {
     for (index, second) in flights.iter().enumerate() {
         if let Some(first) = flights[..index]
             .iter()
@@ -546,7 +546,9 @@ mod tests {
     #[test]
     fn plain_least_squares_recovers_the_system_from_valid_rows_only() {
         let (bank, report) = fit_bank(&[scattered(700, 1)], &plain()).unwrap();
-        let Model::Lag(fitted) = &bank.models()[0].model;
+        let Model::Lag(fitted) = &bank.models()[0].model else {
+            panic!("a lag model");
+        };
         let system = system();
         let far = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(far(&fitted.linear(), &system.linear()) < 1e-10);

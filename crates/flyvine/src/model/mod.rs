@@ -12,6 +12,7 @@
 //!   plans start; [`Model::spectral_radius`] says whether predictions run away.
 //! - [`statistics`]: what the regression of each row says about itself.
 //! - [`LagModel::read_matrix`]: linear models published as a matrix.
+//! - [`fit_physical_bank`]: the same with the physical family ([`physical`]).
 //! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
 
 mod bank;
@@ -27,6 +28,8 @@ mod least_squares;
 mod matrix_file;
 mod one_step;
 mod options;
+pub mod physical;
+mod physical_bank;
 mod refine;
 mod rollout;
 mod schedule;
@@ -46,6 +49,7 @@ pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
+pub use physical_bank::fit_physical_bank;
 pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError, RefinementTrial};

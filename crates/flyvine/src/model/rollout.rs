@@ -55,6 +55,20 @@ pub(crate) fn window_errors(
     horizons: &[usize],
 ) -> Vec<Vec<WindowError>> {
     let lags = dynamics.state_len() / STATE_LEN;
+    let lagged_state = |row: usize, state: &mut [f64]| track.lagged_state(row, state);
+    window_errors_from(dynamics, track, rows, horizons, lags, &lagged_state)
+}
+
+/// [`window_errors`] with windows that start from what `write_state` writes for a row, for models whose state is
+/// not made of lags; windows still begin where `lags` rows in a row are valid.
+pub(crate) fn window_errors_from(
+    dynamics: &impl Dynamics,
+    track: &Track,
+    rows: Range<usize>,
+    horizons: &[usize],
+    lags: usize,
+    write_state: &dyn Fn(usize, &mut [f64]),
+) -> Vec<Vec<WindowError>> {
     let mut windows = vec![Vec::new(); horizons.len()];
     let mut state = vec![0.0; dynamics.state_len()];
     let first = rows.start + lags - 1;
@@ -64,7 +78,7 @@ pub(crate) fn window_errors(
         if fitting == 0 {
             continue;
         }
-        track.lagged_state(start, &mut state);
+        write_state(start, &mut state);
         let errors = roll_window(dynamics, track, start, &mut state, &horizons[..fitting]);
         for (list, error) in windows.iter_mut().zip(errors) {
             list.push(error);
@@ -81,7 +95,7 @@ fn roll_window(
     state: &mut [f64],
     horizons: &[usize],
 ) -> Vec<WindowError> {
-    let mut fresh = [0.0; STATE_LEN];
+    let mut fresh = vec![0.0; dynamics.fresh_len()];
     let mut errors = Vec::with_capacity(horizons.len());
     let (mut sum, mut worst) = (0.0_f64, 0.0_f64);
     for step in 1..=horizons[horizons.len() - 1] {
@@ -118,7 +132,7 @@ pub(crate) fn advance(state: &mut [f64], fresh: &[f64]) {
 }
 
 /// 3-D distance between the end effectors of two states, m.
-fn tip_distance(a: &[f64; STATE_LEN], b: &[f64; STATE_LEN]) -> f64 {
+fn tip_distance(a: &[f64], b: &[f64]) -> f64 {
     (6..9).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
 }
 

@@ -17,9 +17,9 @@ const PLAYER: &str = include_str!("assets/player.js");
 /// The report as one HTML page. The same results make the same bytes.
 pub fn html(results: &Results) -> Result<String, ReportError> {
     let palette = palette(results);
-    let has_experiments = !results.experiments.is_empty();
-    let scripts = if has_experiments {
-        let data = json_in_script(&replay_json(&results.experiments, &palette)?);
+    let experiments = results.experiments_in_order();
+    let scripts = if !experiments.is_empty() {
+        let data = json_in_script(&replay_json(&experiments, &palette)?);
         format!(
             "<script type=\"application/json\" id=\"replay-data\">{data}</script>\n\
              <script>{THREE}</script>\n<script>{SCENE}</script>\n<script>{PLAYER}</script>"
@@ -38,26 +38,22 @@ pub fn html(results: &Results) -> Result<String, ReportError> {
             ("title", &escape(title)),
             ("style", STYLE),
             ("facts", &facts(&results.summary)),
-            ("headlines", &headlines(&results.experiments)),
-            ("sections", &sections(results, &palette)),
+            ("headlines", &headlines(&experiments)),
+            ("sections", &sections(results, &experiments, &palette)),
             ("scripts", &scripts),
         ],
     ))
 }
 
-fn sections(results: &Results, palette: &Palette) -> String {
+fn sections(results: &Results, experiments: &[&Experiment], palette: &Palette) -> String {
     let (model_figures, flight_figures): (Vec<Figure>, Vec<Figure>) = figures(results)
         .into_iter()
         .partition(|f| matches!(f.name.as_str(), "rollouts" | "pretzel"));
     let draw = |figures: &[Figure]| figures.iter().map(figure_card).collect::<String>();
     let mut page = String::new();
-    if !results.experiments.is_empty() {
+    if !experiments.is_empty() {
         page += REPLAY;
-        page += &section(
-            "results",
-            "Results",
-            &tables::scores(&results.experiments, palette),
-        );
+        page += &section("results", "Results", &tables::scores(experiments, palette));
         page += &section("figures", "Figures", &draw(&flight_figures));
     }
     let mut models = draw(&model_figures);
@@ -68,8 +64,8 @@ fn sections(results: &Results, palette: &Palette) -> String {
         models += &tables::models(&results.models);
     }
     page += &section("models", "Models", &models);
-    if !results.experiments.is_empty() {
-        page += &section("plans", "Plans", &tables::plans(&results.experiments));
+    if !experiments.is_empty() {
+        page += &section("plans", "Plans", &tables::plans(experiments));
     }
     if !results.findings.is_empty() {
         page += &section("recordings", "Recordings", &tables::findings(&results.findings));
@@ -116,7 +112,7 @@ fn facts(summary: &RunSummary) -> String {
 }
 
 /// One card per kind of experiment: the range of its mean errors beside the paper's.
-fn headlines(experiments: &[Experiment]) -> String {
+fn headlines(experiments: &[&Experiment]) -> String {
     let kinds = [
         (ExperimentKind::Lemniscate, "Lemniscates", "to the reference"),
         (ExperimentKind::Swing, "Swings", "to the prediction"),
@@ -126,7 +122,7 @@ fn headlines(experiments: &[Experiment]) -> String {
     let cards: String = kinds
         .into_iter()
         .filter_map(|(kind, name, against)| {
-            let flown: Vec<&Experiment> = experiments.iter().filter(|e| e.kind == kind).collect();
+            let flown: Vec<&Experiment> = experiments.iter().copied().filter(|e| e.kind == kind).collect();
             let (low, high) = extent(flown.iter().filter_map(|e| Some(e.comparable_error()?.1.mean_m)))?;
             let mut notes = vec![format!(
                 "mean end-effector error {against}, {} flown",

@@ -1,4 +1,11 @@
-//! Results in, tables, figures and a page out. Pure: nothing here reads files, clocks or the network.
+//! Results in, tables, figures and a page out.
+//!
+//! [`score()`] compares one flight with its plan. [`Results`] gathers what a run made; [`figures()`] redraws the paper's
+//! figures from it with the paper's measured curves behind, and [`html()`] makes one self-contained page of tables,
+//! figures and a 3-D replay that works offline, from `file://`.
+//!
+//! Pure: nothing here reads files, clocks or the network, and it knows of no model, solver or simulator. The same
+//! results make the same bytes.
 
 mod escape;
 mod figures;

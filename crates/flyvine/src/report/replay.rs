@@ -40,7 +40,7 @@ struct Track<'a> {
 }
 
 /// The replay's JSON.
-pub(super) fn replay_json(experiments: &[Experiment], palette: &Palette) -> Result<String, ReportError> {
+pub(super) fn replay_json(experiments: &[&Experiment], palette: &Palette) -> Result<String, ReportError> {
     let experiments = experiments
         .iter()
         .map(|e| track(e, palette))

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::paper::Corner;
 use super::score::{DistanceStatistics, Score, SwingTarget};
 use crate::flight::{Configuration, Flight};
 
@@ -10,7 +11,7 @@ use crate::flight::{Configuration, Flight};
 pub struct Results {
     /// What was run.
     pub summary: RunSummary,
-    /// Planned, flown and scored tasks, in the order of the tables.
+    /// Planned, flown and scored tasks, in any order.
     pub experiments: Vec<Experiment>,
     /// Flights that the models were fitted on; the first one whose name contains "pretzel" (or else the
     /// first) is drawn.
@@ -21,6 +22,28 @@ pub struct Results {
     pub models: Vec<ModelDiagnostics>,
     /// What motion-capture hygiene found in the recordings.
     pub findings: Vec<Finding>,
+}
+
+impl Results {
+    /// The experiments in reading order: by task, slow before fast, corners as the paper lists them, then by name.
+    pub fn experiments_in_order(&self) -> Vec<&Experiment> {
+        let corner = |e: &Experiment| {
+            Corner::ALL
+                .iter()
+                .position(|corner| corner.label() == e.label)
+                .unwrap_or(Corner::ALL.len())
+        };
+        let period_s = |e: &Experiment| e.period_s.unwrap_or(0.0);
+        let mut ordered: Vec<&Experiment> = self.experiments.iter().collect();
+        ordered.sort_by(|a, b| {
+            a.kind
+                .cmp(&b.kind)
+                .then(period_s(b).total_cmp(&period_s(a)))
+                .then(corner(a).cmp(&corner(b)))
+                .then(a.name.cmp(&b.name))
+        });
+        ordered
+    }
 }
 
 /// What was run, by what.
@@ -53,8 +76,8 @@ pub struct Timing {
     pub seconds: f64,
 }
 
-/// What an experiment asked of the end effector.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// What an experiment asked of the end effector, in reading order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExperimentKind {
     /// Track a lemniscate.

@@ -9,7 +9,7 @@ use super::results::{Against, Experiment, Finding, FlightRollout, ModelDiagnosti
 const NOTHING: &str = "–";
 
 /// Scores beside the paper's numbers, one row per experiment; the error that the paper reports is bold.
-pub fn scores(experiments: &[Experiment], palette: &Palette) -> String {
+pub fn scores(experiments: &[&Experiment], palette: &Palette) -> String {
     let rows: String = experiments.iter().map(|e| score_row(e, palette)).collect();
     format!(
         "<div class=\"card scroll\"><table>\n<caption>End-effector distances in centimetres. Bold: the error as the \
@@ -146,7 +146,7 @@ pub fn models(models: &[ModelDiagnostics]) -> String {
 }
 
 /// How each plan was found.
-pub fn plans(experiments: &[Experiment]) -> String {
+pub fn plans(experiments: &[&Experiment]) -> String {
     let rows: String = experiments
         .iter()
         .map(|e| {

@@ -207,6 +207,31 @@ fn other_periods_and_labels_stand_without_the_papers_curves() {
 }
 
 #[test]
+fn experiments_are_read_by_task_slow_first_in_the_papers_order_of_corners() {
+    let results = results();
+    let order: Vec<String> = results
+        .experiments_in_order()
+        .into_iter()
+        .map(Experiment::title)
+        .collect();
+    assert_eq!(
+        order[..2],
+        ["Lemniscate, period 10 s, ES", "Lemniscate, period 10 s, IS"]
+    );
+    assert_eq!(order[4], "Lemniscate, period 5 s, ES");
+    assert_eq!(
+        order[8..],
+        [
+            "Swing, ES",
+            "Swing, IS",
+            "Swing, EL",
+            "Swing, IL",
+            "Deployment, period 5 s, ES → IL"
+        ]
+    );
+}
+
+#[test]
 fn the_same_results_make_the_same_page() {
     assert_eq!(html(&results()).unwrap(), html(&results()).unwrap());
 }
@@ -300,7 +325,7 @@ fn the_replay_holds_tenths_of_millimetres_and_gaps() {
     );
     assert_eq!(first["configurations"], serde_json::json!([[0.7, 0.0]]));
     assert!(first.get("target").is_none());
-    let swing = &data["experiments"][2];
+    let swing = &data["experiments"][8];
     assert_eq!(
         (&swing["target"], &swing["targetKnot"]),
         (&serde_json::json!([1.5, 1.0]), &serde_json::json!(25))

@@ -15,7 +15,8 @@
 //!
 //! Joint i pulls link i towards link i−1 with the torque `−k φ s(|φ|) − c ω_rel`, where φ is the rotation
 //! vector from parent to child and `s = 1 / sqrt(1 + (k|φ|/M)²)` softens the spring where an inflated beam
-//! wrinkles (collapse moment M). The tip may slide along the last link's axis against a spring. Links and tip feel quadratic air drag, the base a linear one.
+//! wrinkles (collapse moment M). The tip may slide along the last link's axis against a spring. Links and tip
+//! feel quadratic air drag, the base a linear one.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -49,7 +50,7 @@ pub struct Joint {
     pub collapse_moment: f64,
 }
 
-/// Rigid body at the lower end of the last link, moving as one with it.
+/// Rigid body at the lower end of the last link, turning with it; it may slide along the link's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tip {
     /// Mass, kg.
@@ -369,6 +370,20 @@ impl Chain {
         let mut end = self.clamp(state);
         self.for_each_node(state, |node| end = node);
         end + (self.tip.offset_m + state.extension) * state.links.last().map_or(Vector3::zeros(), axis)
+    }
+
+    /// Position (m) and velocity (m/s) of the end effector.
+    pub fn end_effector_motion(&self, state: &ChainState) -> (Vector3<f64>, Vector3<f64>) {
+        let mut velocity =
+            state.motion.linear + state.motion.angular.cross(&(self.clamp(state) - state.position));
+        for (link, (q, rate)) in self.links.iter().zip(state.links.iter().zip(&state.motion.links)) {
+            velocity += rate.cross(&(link.length_m * axis(q))) + self.growth.link_rate * axis(q);
+        }
+        if let (Some(q), Some(rate)) = (state.links.last(), state.motion.links.last()) {
+            velocity += rate.cross(&((self.tip.offset_m + state.extension) * axis(q)))
+                + state.motion.extension * axis(q);
+        }
+        (self.end_effector(state), velocity)
     }
 
     /// Kinetic and potential energy, J (potential zero at height 0 with straight joints). Growth terms,

@@ -1,5 +1,6 @@
-//! Motion capture: poses with noise, dropouts and frozen frames.
+//! Motion capture: late, noisy poses with occlusions, frozen frames and mistaken identities, counted by cause.
 
+use super::history::History;
 use super::parameters::{Checker, ParameterError};
 use super::wind::normal;
 use crate::flight::Pose;
@@ -15,8 +16,16 @@ pub struct MocapParameters {
     pub position_noise_m: f64,
     /// Standard deviation of an attitude, per axis, degrees.
     pub attitude_noise_deg: f64,
-    /// Chance that a body is missed in a frame.
+    /// Age of the poses that arrive, s.
+    pub latency_s: f64,
+    /// Further age, drawn evenly between 0 and this at every frame, s.
+    pub jitter_s: f64,
+    /// Chance that a body's occlusion starts in a frame.
     pub dropout_probability: f64,
+    /// Length of an occlusion, frames of 20 Hz.
+    pub dropout_frames: u32,
+    /// Chance that quadrotor and end effector are taken for each other in a frame.
+    pub swap_probability: f64,
     /// Chance that a body's pose freezes at a frame; it then repeats exactly for `frozen_frames`.
     pub freeze_probability: f64,
     /// Length of a freeze, frames of 20 Hz.
@@ -28,7 +37,11 @@ impl Default for MocapParameters {
         MocapParameters {
             position_noise_m: 3e-4,
             attitude_noise_deg: 0.1,
+            latency_s: 0.0,
+            jitter_s: 0.0,
             dropout_probability: 0.0,
+            dropout_frames: 1,
+            swap_probability: 0.0,
             freeze_probability: 0.0,
             frozen_frames: 3,
         }
@@ -46,7 +59,17 @@ impl MocapParameters {
             20.0,
             "degrees",
         )?;
+        check.range("latency_s", self.latency_s, 0.0, 1.0, "s")?;
+        check.range("jitter_s", self.jitter_s, 0.0, 1.0, "s")?;
         check.range("dropout_probability", self.dropout_probability, 0.0, 1.0, "")?;
+        check.range(
+            "dropout_frames",
+            f64::from(self.dropout_frames),
+            1.0,
+            1000.0,
+            "frames",
+        )?;
+        check.range("swap_probability", self.swap_probability, 0.0, 1.0, "")?;
         check.range("freeze_probability", self.freeze_probability, 0.0, 1.0, "")?;
         check.range(
             "frozen_frames",
@@ -65,13 +88,28 @@ pub struct MocapFaults {
     pub dropped: usize,
     /// Poses repeated from an earlier frame.
     pub frozen: usize,
+    /// Frames in which the bodies were taken for each other.
+    pub swapped: usize,
 }
 
-/// One tracked body: what it last showed, and for how many frames it will go on showing it.
+/// What the cameras could see at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scene {
+    /// Quadrotor position, m.
+    pub position: Vector3<f64>,
+    /// Quadrotor attitude `world_from_body`.
+    pub attitude: UnitQuaternion<f64>,
+    /// End-effector position, m.
+    pub end_effector: Vector3<f64>,
+}
+
+/// One tracked body: what it last showed, for how many frames it will go on showing it, and for how many it stays
+/// hidden.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tracked<T> {
     last: Option<T>,
     frozen_for: u32,
+    hidden_for: u32,
 }
 
 impl<T> Default for Tracked<T> {
@@ -79,6 +117,7 @@ impl<T> Default for Tracked<T> {
         Tracked {
             last: None,
             frozen_for: 0,
+            hidden_for: 0,
         }
     }
 }
@@ -93,7 +132,7 @@ impl<T: Copy> Tracked<T> {
         random: &mut impl Rng,
     ) -> Option<T> {
         // Both draws happen at every frame, so that one fault's rate does not change the other's stream.
-        let dropped = random.random::<f64>() < parameters.dropout_probability;
+        let occluded = random.random::<f64>() < parameters.dropout_probability;
         let freezes = random.random::<f64>() < parameters.freeze_probability;
         if self.frozen_for == 0 && freezes {
             self.frozen_for = parameters.frozen_frames;
@@ -107,7 +146,11 @@ impl<T: Copy> Tracked<T> {
             _ => fresh,
         };
         self.last = Some(shown);
-        if dropped {
+        if self.hidden_for == 0 && occluded {
+            self.hidden_for = parameters.dropout_frames;
+        }
+        if self.hidden_for > 0 {
+            self.hidden_for -= 1;
             faults.dropped += 1;
             return None;
         }
@@ -116,28 +159,52 @@ impl<T: Copy> Tracked<T> {
 }
 
 /// The motion-capture system watching the vehicle.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone)]
 pub struct Mocap {
     quadrotor: Tracked<Pose>,
     end_effector: Tracked<[f64; 3]>,
+    past: History<Scene>,
+    period: f64,
     /// Faults since the start.
     pub faults: MocapFaults,
 }
 
 impl Mocap {
+    /// Watching a vehicle that has been in `scene` for long; scenes will come every `period` seconds.
+    pub fn new(parameters: &MocapParameters, scene: Scene, period: f64) -> Mocap {
+        Mocap {
+            quadrotor: Tracked::default(),
+            end_effector: Tracked::default(),
+            past: History::new(parameters.latency_s + parameters.jitter_s, period, scene),
+            period,
+            faults: MocapFaults::default(),
+        }
+    }
+
+    /// The scene after another period.
+    pub fn watch(&mut self, scene: Scene) {
+        self.past.push(scene);
+    }
+
     /// One frame: quadrotor pose and end-effector position as measured.
     pub fn frame(
         &mut self,
         parameters: &MocapParameters,
-        position: &Vector3<f64>,
-        attitude: &UnitQuaternion<f64>,
-        end_effector: &Vector3<f64>,
         random: &mut impl Rng,
     ) -> (Option<Pose>, Option<[f64; 3]>) {
-        let position = position + parameters.position_noise_m * normal(random);
+        let age = parameters.latency_s + parameters.jitter_s * random.random::<f64>();
+        let scene = self.past.back((age / self.period).round() as usize);
+        let mut position = scene.position + parameters.position_noise_m * normal(random);
         let turn = parameters.attitude_noise_deg.to_radians() * normal(random);
-        let tip = end_effector + parameters.position_noise_m * normal(random);
-        let pose = pose(&position, &(UnitQuaternion::from_scaled_axis(turn) * attitude));
+        let mut tip = scene.end_effector + parameters.position_noise_m * normal(random);
+        if random.random::<f64>() < parameters.swap_probability {
+            std::mem::swap(&mut position, &mut tip);
+            self.faults.swapped += 1;
+        }
+        let pose = pose(
+            &position,
+            &(UnitQuaternion::from_scaled_axis(turn) * scene.attitude),
+        );
         (
             self.quadrotor.observe(parameters, pose, &mut self.faults, random),
             self.end_effector

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::autopilot::AutopilotParameters;
+use super::contact::ContactParameters;
 use super::mocap::MocapParameters;
 use super::pneumatics::PneumaticsParameters;
 use super::wind::WindParameters;
@@ -29,6 +30,8 @@ pub struct VehicleParameters {
     pub wind: WindParameters,
     /// What the arm carries.
     pub payload: PayloadParameters,
+    /// What the end effector can touch.
+    pub contact: ContactParameters,
 }
 
 /// Time steps and discretization.
@@ -61,6 +64,11 @@ pub struct QuadrotorParameters {
     pub drag_n_s_m: [f64; 3],
     /// Distance from the centre of mass down to the clamp, where the tube starts to bend, m.
     pub clamp_offset_m: f64,
+    /// Share of thrust lost per minute of flight at the same throttle.
+    pub battery_sag_per_minute: f64,
+    /// Radius that counts for the ground effect (of one propeller, or more where they act as one), m; zero
+    /// for none.
+    pub ground_effect_radius_m: f64,
 }
 
 /// The inflated arm.
@@ -155,13 +163,15 @@ impl Default for QuadrotorParameters {
     fn default() -> Self {
         QuadrotorParameters {
             total_mass_kg: 1.7,
-            inertia_kg_m2: [0.0188, 0.0188, 0.0283],
+            inertia_kg_m2: [0.02355, 0.02355, 0.03532],
             motor_offset_m: 0.09,
             max_thrust_n: 4.0 * 9.81,
-            motor_time_constant_s: 0.1,
+            motor_time_constant_s: 0.05977,
             torque_per_thrust_m: 0.015,
-            drag_n_s_m: [0.286, 0.286, 0.286],
-            clamp_offset_m: 0.163,
+            drag_n_s_m: [0.4011, 0.4011, 0.4011],
+            clamp_offset_m: 0.1601,
+            battery_sag_per_minute: 0.0,
+            ground_effect_radius_m: 0.0,
         }
     }
 }
@@ -169,47 +179,47 @@ impl Default for QuadrotorParameters {
 impl Default for ArmParameters {
     fn default() -> Self {
         ArmParameters {
-            tip_mass_kg: 0.13,
-            tip_inertia_transverse_kg_m2: 0.00163,
+            tip_mass_kg: 0.1304,
+            tip_inertia_transverse_kg_m2: 0.002,
             tip_inertia_axial_kg_m2: 2e-4,
-            tip_offset_m: 0.02,
-            linear_density_kg_m: 0.05,
+            tip_offset_m: 0.03,
+            linear_density_kg_m: 0.04971,
             diameter_m: 0.08,
-            drag_coefficient_normal: 0.2,
+            drag_coefficient_normal: 1.603,
             drag_coefficient_tangential: 0.02,
-            tip_drag_area_m2: 0.001,
-            axial_damping_n_s_m: 0.1,
+            tip_drag_area_m2: 0.001263,
+            axial_damping_n_s_m: 0.03,
             max_growth_rate_m_s: 0.02,
             growth_time_constant_s: 0.1,
             length_range_m: [0.45, 1.2],
             corners: Corners {
                 empty_short: Beam {
-                    stiffness_n_m2: 0.0309,
-                    damping_n_m2_s: 0.0107,
-                    collapse_moment_n_m: 0.142,
-                    slack_m_n: 0.0296,
-                    stretch_m_n: 0.00124,
+                    stiffness_n_m2: 0.05648,
+                    damping_n_m2_s: 0.01041,
+                    collapse_moment_n_m: 0.1102,
+                    slack_m_n: 0.05599,
+                    stretch_m_n: 0.001152,
                 },
                 inflated_short: Beam {
-                    stiffness_n_m2: 0.0496,
-                    damping_n_m2_s: 0.00807,
+                    stiffness_n_m2: 0.05841,
+                    damping_n_m2_s: 0.007237,
                     collapse_moment_n_m: 10.0,
-                    slack_m_n: 0.0897,
-                    stretch_m_n: 0.0139,
+                    slack_m_n: 0.04206,
+                    stretch_m_n: 0.008,
                 },
                 empty_long: Beam {
-                    stiffness_n_m2: 0.0155,
-                    damping_n_m2_s: 0.0428,
-                    collapse_moment_n_m: 2.74,
-                    slack_m_n: 0.281,
-                    stretch_m_n: 0.00115,
+                    stiffness_n_m2: 0.06524,
+                    damping_n_m2_s: 0.04484,
+                    collapse_moment_n_m: 0.1516,
+                    slack_m_n: 0.1473,
+                    stretch_m_n: 0.003107,
                 },
                 inflated_long: Beam {
-                    stiffness_n_m2: 0.003,
-                    damping_n_m2_s: 0.0222,
-                    collapse_moment_n_m: 7.3,
-                    slack_m_n: 0.0651,
-                    stretch_m_n: 0.001,
+                    stiffness_n_m2: 0.01725,
+                    damping_n_m2_s: 0.02417,
+                    collapse_moment_n_m: 0.2314,
+                    slack_m_n: 0.06096,
+                    stretch_m_n: 0.002086,
                 },
             },
         }
@@ -331,6 +341,7 @@ impl VehicleParameters {
         self.autopilot.validate()?;
         self.mocap.validate()?;
         self.wind.validate()?;
+        self.contact.validate()?;
         Checker::new("payload").range("tip_mass_kg", self.payload.tip_mass_kg, 0.0, 1.0, "kg")?;
         self.validate_together()
     }
@@ -404,6 +415,20 @@ impl QuadrotorParameters {
         for drag in self.drag_n_s_m {
             check.range("drag_n_s_m", drag, 0.0, 10.0, "N/(m/s)")?;
         }
+        check.range(
+            "battery_sag_per_minute",
+            self.battery_sag_per_minute,
+            0.0,
+            0.5,
+            "1/min",
+        )?;
+        check.range(
+            "ground_effect_radius_m",
+            self.ground_effect_radius_m,
+            0.0,
+            1.0,
+            "m",
+        )?;
         check.range("clamp_offset_m", self.clamp_offset_m, 0.0, 0.5, "m")
     }
 }

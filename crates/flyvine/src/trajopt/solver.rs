@@ -92,8 +92,18 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.expand();
         loop {
             if std::env::var("TRACE").is_ok() {
-                eprintln!("{:4} {:4} merit {:.9} J {:.9} stat {:.2e} res {:.2e} inner {:.1e} {:?} reuse {}", self.progress.iterations, self.progress.factorizations,
-                    self.progress.merit, self.progress.cost, self.progress.stationarity, self.residual(), self.progress.inner_tolerance, self.progress.convexification, self.progress.reusable);
+                eprintln!(
+                    "{:4} {:4} merit {:.9} J {:.9} stat {:.2e} res {:.2e} inner {:.1e} {:?} reuse {}",
+                    self.progress.iterations,
+                    self.progress.factorizations,
+                    self.progress.merit,
+                    self.progress.cost,
+                    self.progress.stationarity,
+                    self.residual(),
+                    self.progress.inner_tolerance,
+                    self.progress.convexification,
+                    self.progress.reusable
+                );
             }
             if self.progress.stationarity <= self.progress.inner_tolerance {
                 if let Some(status) = self.update_multipliers() {
@@ -168,8 +178,8 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             }
         }
         self.progress.previous_residual = residual;
-        self.progress.inner_tolerance =
-            (INNER_SHARE * residual).clamp(self.options.stationarity_tolerance, self.progress.inner_tolerance);
+        self.progress.inner_tolerance = (INNER_SHARE * residual)
+            .clamp(self.options.stationarity_tolerance, self.progress.inner_tolerance);
         self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
         self.expand();
         None

@@ -1,7 +1,11 @@
 use proptest::prelude::*;
 
+use std::path::Path;
+
 use super::*;
+use crate::DT;
 use crate::flight::shared_data::shared_csv_files;
+use crate::flight::{read_flight, write_flight};
 
 const HEADER: &str =
     "t_s,length_m,pressure_kpa,cmd_x,cmd_y,cmd_z,qr_x,qr_y,qr_z,qr_qw,qr_qx,qr_qy,qr_qz,ee_x,ee_y,ee_z";
@@ -45,9 +49,7 @@ fn with_all(columns: &[&str], cells: impl Fn(usize) -> String) -> String {
 
 #[track_caller]
 fn message(text: &str) -> String {
-    parse_flight("broken.csv", text.as_bytes())
-        .unwrap_err()
-        .to_string()
+    parse_csv("broken.csv", text.as_bytes()).unwrap_err().to_string()
 }
 
 /// The message names file, line and field, and contains `found` and `expected`.
@@ -63,7 +65,7 @@ fn assert_says(text: &str, place: &str, words: &[&str]) {
 
 #[test]
 fn a_good_file_is_read_as_it_is_written() {
-    let flight = parse_flight("good", text(&good()).as_bytes()).unwrap();
+    let flight = parse_csv("good", text(&good()).as_bytes()).unwrap();
     assert_eq!(flight.samples.len(), 5);
     let sample = flight.samples[1];
     assert_eq!(sample.t_s, 0.05);
@@ -91,8 +93,8 @@ fn columns_come_in_any_order_with_others_between_and_blanks_around() {
         row.iter_mut().for_each(|cell| *cell = format!(" {cell} "));
     }
     let text = format!("\u{feff}{}", text(&rows).replace('\n', "\r\n"));
-    let expected = parse_flight("good", self::text(&good()).as_bytes()).unwrap();
-    assert_eq!(parse_flight("good", text.as_bytes()).unwrap(), expected);
+    let expected = parse_csv("good", self::text(&good()).as_bytes()).unwrap();
+    assert_eq!(parse_csv("good", text.as_bytes()).unwrap(), expected);
 }
 
 #[test]
@@ -100,7 +102,7 @@ fn empty_cells_are_missed_poses() {
     let mut rows = good();
     rows[2][6..13].iter_mut().for_each(String::clear);
     rows[3][13..16].iter_mut().for_each(String::clear);
-    let flight = parse_flight("gaps", text(&rows).as_bytes()).unwrap();
+    let flight = parse_csv("gaps", text(&rows).as_bytes()).unwrap();
     assert!(flight.samples[1].quadrotor.is_none() && flight.samples[1].end_effector.is_some());
     assert!(flight.samples[2].quadrotor.is_some() && flight.samples[2].end_effector.is_none());
     assert_eq!(flight.segments(), [0..1, 3..5]);
@@ -215,17 +217,17 @@ fn broken_files_are_refused_with_place_found_and_expected() {
     assert_says(
         &times(50.0),
         "broken.csv, `t_s`: ",
-        &["step of 50 s", "milliseconds"],
+        &["step of 50.0000 s", "milliseconds"],
     );
     assert_says(&times(5e4), "broken.csv, `t_s`: ", &["microseconds"]);
     assert_says(&times(5e7), "broken.csv, `t_s`: ", &["nanoseconds"]);
     assert_says(
         &times(0.01),
         "broken.csv, `t_s`: ",
-        &["0.01 s", "20 Hz", "mapping"],
+        &["0.0100 s", "20 Hz", "mapping"],
     );
     let not_text = [good_text.as_bytes(), &[0xff, 0xfe, b'\n']].concat();
-    let error = parse_flight("broken.csv", not_text.as_slice()).unwrap_err();
+    let error = parse_csv("broken.csv", not_text.as_slice()).unwrap_err();
     assert!(matches!(*error.problem, Problem::NotText), "{error}");
     let absent = read_flight(Path::new("no/such.csv")).unwrap_err();
     assert!(matches!(*absent.problem, Problem::Io(_)) && absent.to_string().starts_with("no/such.csv: "));
@@ -233,7 +235,7 @@ fn broken_files_are_refused_with_place_found_and_expected() {
 
 #[test]
 fn a_flight_with_a_number_that_is_not_finite_is_not_written() {
-    let mut flight = parse_flight("good", text(&good()).as_bytes()).unwrap();
+    let mut flight = parse_csv("good", text(&good()).as_bytes()).unwrap();
     flight.samples[2].end_effector = Some([0.0, f64::NAN, 0.0]);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.csv");
@@ -259,7 +261,7 @@ fn every_shared_flight_is_read_and_survives_a_round_trip() {
     }
 }
 
-fn any_flight() -> impl Strategy<Value = Flight> {
+pub(crate) fn any_flight() -> impl Strategy<Value = Flight> {
     let vector = || prop::array::uniform3(-100.0..100.0);
     let attitude = prop::array::uniform4(-1.0..1.0f64)
         .prop_map(|q| {
@@ -302,15 +304,15 @@ fn any_flight() -> impl Strategy<Value = Flight> {
 proptest! {
     #[test]
     fn any_flight_survives_a_round_trip(flight in any_flight()) {
-        let text = format_flight("flight", &flight).unwrap();
-        prop_assert_eq!(parse_flight("flight", text.as_bytes()).unwrap(), flight);
+        let text = format_csv("flight", &flight).unwrap();
+        prop_assert_eq!(parse_csv("flight", text.as_bytes()).unwrap(), flight);
     }
 
     #[test]
     fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        let _ = parse_flight("noise", bytes.as_slice());
+        let _ = parse_csv("noise", bytes.as_slice());
         let below_a_header = [HEADER.as_bytes(), b"\n", &bytes].concat();
-        let _ = parse_flight("noise", below_a_header.as_slice());
+        let _ = parse_csv("noise", below_a_header.as_slice());
     }
 
     #[test]
@@ -323,7 +325,7 @@ proptest! {
         let start = position.index(file.len());
         let end = (start + removed).min(file.len());
         file.splice(start..end, bytes);
-        if let Ok(flight) = parse_flight("damaged", file.as_slice()) {
+        if let Ok(flight) = parse_csv("damaged", file.as_slice()) {
             prop_assert!(flight.samples.iter().filter_map(Sample::state).flatten().all(f64::is_finite));
             prop_assert!(flight.samples.windows(2).all(|pair| pair[0].t_s < pair[1].t_s));
         }

@@ -5,8 +5,10 @@ use std::path::Path;
 
 use super::units::{LengthUnit, PressureUnit, Unit};
 use super::{Cell, Mapping, Source, Validity, Vector};
-use crate::flight::csv::{finite, flight_name, median_step};
+use crate::flight::continuity::median_step;
+use crate::flight::csv::finite;
 use crate::flight::error::{FlightError, Problem};
+use crate::flight::files::flight_name;
 use crate::flight::table::{Column, Row, Table};
 use crate::flight::{
     Configuration, Flight, Pose, Reading, Recording, RecordingRow, plausible, quaternion, resample,

@@ -12,11 +12,11 @@ const ROW: f64 = 27.0;
 const BAND: &str = "#d3d9de";
 
 /// `None` without experiments.
-pub fn figure(experiments: &[Experiment], palette: &Palette) -> Option<Figure> {
+pub fn figure(experiments: &[&Experiment], palette: &Palette) -> Option<Figure> {
     if experiments.is_empty() {
         return None;
     }
-    let published: Vec<_> = experiments.iter().map(published_error).collect();
+    let published: Vec<_> = experiments.iter().map(|e| published_error(e)).collect();
     let centimetres = |experiment: &Experiment| {
         experiment
             .comparable_error()
@@ -24,7 +24,7 @@ pub fn figure(experiments: &[Experiment], palette: &Palette) -> Option<Figure> {
     };
     let largest = experiments
         .iter()
-        .filter_map(centimetres)
+        .filter_map(|e| centimetres(e))
         .chain(published.iter().flatten().map(|p| 100.0 * p.high_m))
         .fold(1.0, f64::max);
 

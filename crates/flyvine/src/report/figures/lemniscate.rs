@@ -8,6 +8,8 @@ use crate::report::paper::{self, Corner, Signal};
 use crate::report::results::Experiment;
 
 const WIDTH: f64 = 1040.0;
+const LEGEND_HEIGHT: f64 = 48.0;
+const BODIES: [Signal; 2] = [Signal::Quadrotor, Signal::EndEffector];
 
 /// `None` without experiments.
 pub fn figure(experiments: &[&Experiment], palette: &Palette) -> Option<Figure> {
@@ -18,72 +20,44 @@ pub fn figure(experiments: &[&Experiment], palette: &Palette) -> Option<Figure> 
         return None;
     }
 
-    let seen = |axis: usize| {
-        experiments
-            .iter()
-            .flat_map(move |e| {
-                [Signal::Quadrotor, Signal::EndEffector].map(|s| path(&e.flight, s, [axis, axis]))
-            })
-            .flatten()
-            .flatten()
-            .map(|p| p[0])
-    };
-    let x = Axis::around("x (m)", seen(0).chain([-1.1, 1.1]), 1.0);
-    let y = Axis::around("y (m)", seen(1).chain([-0.65, 0.65]), 1.0);
+    let points: Vec<[f64; 2]> = experiments
+        .iter()
+        .flat_map(|e| {
+            BODIES
+                .into_iter()
+                .flat_map(|b| flown(e, b).flatten().chain(measured(e, b).iter().copied()))
+        })
+        .collect();
+    let x = Axis::around("x (m)", points.iter().map(|p| p[0]), 1.0);
+    let y = Axis::around("y (m)", points.iter().map(|p| p[1]), 1.0);
+    let width = (WIDTH - 16.0) / periods.len() as f64 - LEFT_ROOM - 12.0;
+    let height = Panel::equal_height(width, &x, &y);
+    let row_height = TITLE_ROOM + height + BOTTOM_ROOM;
 
-    let columns = periods.len() as f64;
-    let panel_width = (WIDTH - 16.0) / columns - LEFT_ROOM - 12.0;
-    let panel_height = Panel::equal_height(panel_width, &x, &y);
+    let mut canvas = Canvas::new("lemniscates", WIDTH, LEGEND_HEIGHT + 2.0 * row_height + 6.0);
     let mut legend = style::configuration_entries(palette, experiments.iter().map(|e| e.label.as_str()));
     legend.push(style::entry("reference", style::REFERENCE));
     legend.push(style::measured_entry());
-    let legend_height = 48.0;
-    let row_height = TITLE_ROOM + panel_height + BOTTOM_ROOM;
-    let mut canvas = Canvas::new("lemniscates", WIDTH, legend_height + 2.0 * row_height + 6.0);
     draw_legend(&mut canvas, [LEFT_ROOM, 4.0], WIDTH - LEFT_ROOM, &legend);
-
-    for (row, (signal, body)) in [
-        (Signal::Quadrotor, "Quadrotor"),
-        (Signal::EndEffector, "End effector"),
-    ]
-    .into_iter()
-    .enumerate()
-    {
+    for (row, body) in BODIES.into_iter().enumerate() {
         for (column, &period_s) in periods.iter().enumerate() {
-            let corner = [
-                LEFT_ROOM + column as f64 * (LEFT_ROOM + panel_width + 12.0),
-                legend_height + TITLE_ROOM + row as f64 * row_height,
-            ];
-            let title = format!("{body}, period {period_s} s");
-            let size = [panel_width, panel_height];
-            let panel = Panel::draw(&mut canvas, corner, size, &title, x.clone(), y.clone());
-            let column: Vec<&&Experiment> = experiments
+            let left = LEFT_ROOM + column as f64 * (LEFT_ROOM + width + 12.0);
+            let top = LEGEND_HEIGHT + TITLE_ROOM + row as f64 * row_height;
+            let title = format!("Path of the {}, period {period_s} s", body.name());
+            let panel = Panel::draw(
+                &mut canvas,
+                [left, top],
+                [width, height],
+                &title,
+                x.clone(),
+                y.clone(),
+            );
+            let shown: Vec<&Experiment> = experiments
                 .iter()
+                .copied()
                 .filter(|e| e.period_s == Some(period_s))
                 .collect();
-            for experiment in &column {
-                let corner = Corner::from_label(&experiment.label);
-                if let Some(points) = corner.and_then(|c| paper::lemniscate_xy(period_s, c, signal)) {
-                    let name = format!("{}, paper", experiment.label);
-                    let stroke = style::measured(palette.color(&experiment.label));
-                    panel.curve(&mut canvas, &name, points, stroke);
-                }
-            }
-            if signal == Signal::EndEffector
-                && let Some(experiment) = column.first()
-            {
-                let reference: Vec<[f64; 2]> = experiment.reference.iter().map(|p| [p[0], p[1]]).collect();
-                panel.curve(&mut canvas, "reference", &reference, style::REFERENCE);
-            }
-            for experiment in &column {
-                let stroke = style::flown(palette.color(&experiment.label));
-                panel.series(
-                    &mut canvas,
-                    &experiment.label,
-                    path(&experiment.flight, signal, [0, 1]),
-                    stroke,
-                );
-            }
+            draw_paths(&mut canvas, &panel, &shown, body, palette);
         }
     }
     Some(Figure {
@@ -95,4 +69,44 @@ pub fn figure(experiments: &[&Experiment], palette: &Palette) -> Option<Figure> 
                 .into(),
         svg: canvas.finish("Lemniscate paths of quadrotor and end effector"),
     })
+}
+
+fn draw_paths(
+    canvas: &mut Canvas,
+    panel: &Panel,
+    experiments: &[&Experiment],
+    body: Signal,
+    palette: &Palette,
+) {
+    for experiment in experiments {
+        let stroke = style::measured(palette.color(&experiment.label));
+        panel.curve(
+            canvas,
+            &format!("{}, paper", experiment.label),
+            measured(experiment, body),
+            stroke,
+        );
+    }
+    if body == Signal::EndEffector
+        && let Some(experiment) = experiments.first()
+    {
+        let reference: Vec<[f64; 2]> = experiment.reference.iter().map(|p| [p[0], p[1]]).collect();
+        panel.curve(canvas, "reference", &reference, style::REFERENCE);
+    }
+    for experiment in experiments {
+        let stroke = style::flown(palette.color(&experiment.label));
+        panel.series(canvas, &experiment.label, flown(experiment, body), stroke);
+    }
+}
+
+fn flown(experiment: &Experiment, body: Signal) -> impl Iterator<Item = Option<[f64; 2]>> {
+    path(&experiment.flight, body, [0, 1])
+}
+
+/// The paper's path for this configuration and period; empty where it has none.
+fn measured(experiment: &Experiment, body: Signal) -> &'static paper::Curve {
+    Corner::from_label(&experiment.label)
+        .zip(experiment.period_s)
+        .and_then(|(corner, period_s)| paper::lemniscate_xy(period_s, corner, body))
+        .unwrap_or_default()
 }

@@ -35,9 +35,10 @@ pub struct Figure {
 /// All figures that the results have data for, in reading order.
 pub fn figures(results: &Results) -> Vec<Figure> {
     let palette = palette(results);
-    let of = |kind| -> Vec<&Experiment> { results.experiments.iter().filter(|e| e.kind == kind).collect() };
+    let experiments = results.experiments_in_order();
+    let of = |kind| -> Vec<&Experiment> { experiments.iter().copied().filter(|e| e.kind == kind).collect() };
     let mut figures = Vec::new();
-    figures.extend(errors::figure(&results.experiments, &palette));
+    figures.extend(errors::figure(&experiments, &palette));
     figures.extend(lemniscate::figure(&of(ExperimentKind::Lemniscate), &palette));
     figures.extend(swing::figure(&of(ExperimentKind::Swing), &palette));
     figures.extend(
@@ -57,7 +58,10 @@ pub fn figures(results: &Results) -> Vec<Figure> {
 
 /// The colours of all configurations in the results.
 pub(super) fn palette(results: &Results) -> Palette {
-    let flown = results.experiments.iter().map(|e| e.label.as_str());
+    let flown = results
+        .experiments_in_order()
+        .into_iter()
+        .map(|e| e.label.as_str());
     let checked = results.rollouts.iter().map(|r| r.label.as_str());
     Palette::new(flown.chain(checked))
 }

@@ -9,7 +9,7 @@ use crate::report::paper::{self, Signal};
 
 const WIDTH: f64 = 1040.0;
 /// Length of the excerpt: about one closed figure.
-const WINDOW_S: f64 = 14.0;
+const WINDOW_S: f64 = 18.0;
 const STROKES: [(Signal, Stroke); 3] = [
     (Signal::EndEffector, Stroke::solid("#D55E00", 1.8)),
     (Signal::Quadrotor, Stroke::solid("#0072B2", 1.8).dashed()),

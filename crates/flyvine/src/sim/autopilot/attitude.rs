@@ -24,7 +24,7 @@ pub struct AttitudeParameters {
 impl Default for AttitudeParameters {
     fn default() -> Self {
         AttitudeParameters {
-            tilt_p: 5.5,
+            tilt_p: 6.153,
             yaw_p: 2.8,
             yaw_weight: 0.4,
             tilt_rate_max_deg_s: 400.0,

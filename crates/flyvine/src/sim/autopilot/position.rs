@@ -48,19 +48,19 @@ pub struct PositionParameters {
 impl Default for PositionParameters {
     fn default() -> Self {
         PositionParameters {
-            xy_p: 1.47,
-            z_p: 2.39,
-            xy_vel_p: 3.8,
-            xy_vel_i: 1.68,
-            xy_vel_d: 1.2,
-            z_vel_p: 8.65,
-            z_vel_i: 4.38,
+            xy_p: 1.54,
+            z_p: 2.395,
+            xy_vel_p: 3.694,
+            xy_vel_i: 1.419,
+            xy_vel_d: 1.208,
+            z_vel_p: 6.199,
+            z_vel_i: 7.145,
             z_vel_d: 0.0,
-            velocity_derivative_cutoff_hz: 7.83,
-            xy_vel_max: 8.0,
+            velocity_derivative_cutoff_hz: 5.124,
+            xy_vel_max: 12.0,
             z_vel_max_up: 3.0,
             z_vel_max_down: 1.5,
-            tilt_max_deg: 54.7,
+            tilt_max_deg: 45.0,
             thrust_min: 0.12,
             thrust_max: 1.0,
             thrust_xy_margin: 0.3,
@@ -232,7 +232,7 @@ fn velocity_setpoint(
 }
 
 /// The attitude whose z axis points along the thrust, heading east (yaw zero).
-fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> {
+pub(super) fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> {
     let z = force.normalize();
     // x perpendicular to z in the vertical plane of the heading; the tilt limit keeps z away from it.
     let y = z.cross(&Vector3::x()).normalize();

@@ -29,7 +29,7 @@ pub struct RateParameters {
 impl Default for RateParameters {
     fn default() -> Self {
         RateParameters {
-            tilt_p: 19.0,
+            tilt_p: 14.97,
             tilt_i: 30.0,
             tilt_d: 0.2,
             yaw_p: 8.0,

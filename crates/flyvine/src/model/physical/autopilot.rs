@@ -1,0 +1,87 @@
+//! The autopilot's cascade: position P → velocity PID with limits → attitude P → rate loop, thrust lag.
+
+use super::limits::{limit_from_above, limit_from_below, limit_length, limit_vector};
+use super::parameters::Parameters;
+use super::scalar::Scalar;
+use super::state::State;
+use super::vector::{Attitude, Vector};
+use crate::GRAVITY;
+
+/// The yaw error counts this much of a tilt error in the attitude loop.
+const YAW_WEIGHT: f64 = 0.4;
+/// Smallest collective thrust per total mass, m/s².
+const THRUST_MINIMUM: f64 = 1.0;
+
+/// Rounding of that limit, m/s².
+const THRUST_ROUNDING: f64 = 0.4;
+
+/// Rates of change of the autopilot's part of the state.
+pub struct AutopilotRates<S> {
+    /// d integrator / dt, m/s³.
+    pub integrator: Vector<S>,
+    /// d filtered velocity / dt, m/s²: the measured acceleration.
+    pub filtered_velocity: Vector<S>,
+    /// The thrust to which the lagged thrust tends, m/s².
+    pub thrust_setpoint: S,
+    /// The angular acceleration to which the lagged one tends, rad/s², body coordinates.
+    pub angular_acceleration_setpoint: Vector<S>,
+}
+
+/// Evaluates the cascade for the position setpoint `command`.
+pub fn autopilot<S: Scalar>(
+    parameters: &Parameters<S>,
+    state: &State<S>,
+    rotation: &Attitude<S>,
+    command: &Vector<S>,
+) -> AutopilotRates<S> {
+    let p = parameters;
+    let per_axis = |horizontal: S, vertical: S, v: &Vector<S>| {
+        let [x, y, z] = v.0;
+        Vector([x * horizontal, y * horizontal, z * vertical])
+    };
+
+    // Position loop: v_sp = K (u − p), with limited vertical speed.
+    let [vx, vy, vz] = per_axis(
+        p.position_gain_xy,
+        p.position_gain_z,
+        &(*command - state.position),
+    )
+    .0;
+    let [vz] = limit_length([vz], p.vertical_speed_limit);
+    let velocity_error = Vector([vx, vy, vz]) - state.velocity;
+
+    // Velocity loop: a = P e + I − D v̇, v̇ by a first-order high-pass of the velocity.
+    let acceleration = (state.velocity - state.filtered_velocity) * p.derivative_time_constant.recip();
+    let wanted = per_axis(p.velocity_gain_xy, p.velocity_gain_z, &velocity_error) + state.integrator
+        - per_axis(p.derivative_gain_xy, p.derivative_gain_z, &acceleration);
+
+    // Tilt limit: horizontal part at most g tan(limit); thrust along (a_x, a_y, g).
+    let [ax, ay] = limit_length([wanted.0[0], wanted.0[1]], p.tilt_limit.tan() * GRAVITY);
+    let direction = Vector([ax, ay, S::from(GRAVITY)]);
+    let up_setpoint = direction * direction.norm_squared().sqrt().recip();
+    let lifted = limit_from_below(
+        (wanted.0[2] + GRAVITY) / up_setpoint.0[2],
+        THRUST_MINIMUM,
+        THRUST_ROUNDING,
+    );
+    let thrust_setpoint = limit_from_above(lifted, p.thrust_maximum);
+
+    // Integrator, with what the tilt limit cut off fed back (tracking anti-windup, gain 2 / P).
+    let excess = Vector([wanted.0[0] - ax, wanted.0[1] - ay, S::from(0.0)]);
+    let integrator = per_axis(
+        p.integral_gain_xy,
+        p.integral_gain_z,
+        &(velocity_error - excess * (p.velocity_gain_xy.recip() * 2.0)),
+    );
+
+    // Attitude and rate loops: ω_sp = 2 K vec(q* ⊗ q_sp), ω̇_sp = K_ω (ω_sp − ω).
+    let [rx, ry, rz] = rotation.half_rotation_to(&Attitude::from_up(&up_setpoint)).0;
+    let error = Vector([rx, ry, rz * YAW_WEIGHT]) * (p.attitude_gain * 2.0);
+    let rate_setpoint = limit_vector(error, p.rate_limit);
+    AutopilotRates {
+        integrator,
+        filtered_velocity: acceleration,
+        thrust_setpoint,
+        angular_acceleration_setpoint: (rate_setpoint - state.body_rate) * p.rate_gain,
+    }
+}

@@ -1,0 +1,229 @@
+//! Fit by simulation error: every flight is simulated from its first row to its last, and the parameters are
+//! those whose simulations stay closest to what was seen, given their priors.
+//!
+//! Simulation error has many minima, since a wrong attitude loop oscillates and a wrong arm swings out of
+//! phase. So the fit begins with the first seconds of every flight, with the priors strong and the limits of
+//! the autopilot held, from one start after another until one explains them; only then whole flights are
+//! simulated, with the priors as they are and everything free.
+
+mod levenberg_marquardt;
+mod residual;
+#[cfg(test)]
+mod tests;
+
+use super::error::PhysicalError;
+use super::flight_data::FlightData;
+use super::model::{FitSummary, PhysicalModel};
+use super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
+use crate::flight::Flight;
+use levenberg_marquardt::{Minimum, minimize};
+use residual::Objective;
+use serde::{Deserialize, Serialize};
+
+/// Options of [`fit_physical`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PhysicalFitOptions {
+    /// Size of an ordinary position residual, model error included, m. Default 0.01.
+    pub position_sigma_m: f64,
+    /// Size of an ordinary residual of the attitude's vector part (half an angle). Default 0.03.
+    pub attitude_sigma: f64,
+    /// Position errors beyond this count less and less, m. Default 0.05.
+    pub robust_scale_m: f64,
+    /// Rows that share one model error: residuals of neighbouring rows are not independent. Default 30.
+    pub correlated_rows: f64,
+    /// Most iterations on whole flights. Default 10.
+    pub max_iterations: usize,
+    /// Hold the parameters of the vehicle at these ([`Part::Vehicle`]) and fit the arm alone. Default: fit all.
+    pub vehicle: Option<Parameters<f64>>,
+    /// Further starts, tried before the built-in variations of the defaults: another configuration's result.
+    pub starts: Vec<Parameters<f64>>,
+}
+
+impl Default for PhysicalFitOptions {
+    fn default() -> Self {
+        PhysicalFitOptions {
+            position_sigma_m: 0.01,
+            attitude_sigma: 0.03,
+            robust_scale_m: 0.05,
+            correlated_rows: 30.0,
+            max_iterations: 10,
+            vehicle: None,
+            starts: Vec::new(),
+        }
+    }
+}
+
+/// The first stage simulates this many rows of every flight.
+const FIRST_ROWS: usize = 200;
+/// Its robust scale, m, and its correlated rows (that is, stronger priors).
+const FIRST_SCALE_M: f64 = 0.3;
+const FIRST_CORRELATED_ROWS: f64 = 100.0;
+const FIRST_ITERATIONS: usize = 15;
+/// A start explains the first rows if their mean loss is below this: residuals of about 2 σ.
+const EXPLAINED_LOSS: f64 = 4.0;
+/// Limits that ordinary flights do not reach, held in the first stage.
+const LIMITS: [&str; 4] = [
+    "rate_limit",
+    "tilt_limit",
+    "thrust_maximum",
+    "vertical_speed_limit",
+];
+
+/// Where a fit is, for progress reports.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FitProgress {
+    /// Number of the start that is being tried, from 0; `None` when whole flights are simulated.
+    pub start: Option<usize>,
+    /// Iterations done in this stage.
+    pub iteration: usize,
+    /// The objective.
+    pub objective: f64,
+}
+
+/// Fits the physical model to `flights`, all of one configuration.
+///
+/// Deterministic, whatever the number of threads.
+///
+/// # Errors
+/// No flight, flights at different configurations or with a configuration that changes, a flight that cannot be
+/// simulated ([`FlightData::stretches`]), or simulations that diverge from every start.
+pub fn fit_physical(
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(FitProgress),
+) -> Result<PhysicalModel, PhysicalError> {
+    let stretches = one_configuration(flights)?;
+    let first = first_stage(&stretches, options, progress).ok_or(PhysicalError::Diverged)?;
+
+    let objective = Objective {
+        flights: &stretches,
+        rows: usize::MAX,
+        robust_scale_m: options.robust_scale_m,
+        correlated_rows: options.correlated_rows,
+        options,
+    };
+    let mut report = |iteration, objective| {
+        progress(FitProgress {
+            start: None,
+            iteration,
+            objective,
+        });
+    };
+    let minimum = minimize(
+        &objective,
+        &first.parameters,
+        &held(options, &[]),
+        options.max_iterations,
+        &mut report,
+    );
+    if !minimum.value.is_finite() {
+        return Err(PhysicalError::Diverged);
+    }
+
+    // Posterior of the coordinates by Gauss–Newton; the prior keeps the Hessian positive definite.
+    let hessian = objective.normal_equations(&minimum.parameters).hessian;
+    let covariance = hessian.cholesky().ok_or(PhysicalError::Diverged)?.inverse();
+    Ok(PhysicalModel {
+        parameters: minimum.parameters,
+        arm: stretches[0].arms[0],
+        covariance: (0..PARAMETER_COUNT)
+            .map(|i| covariance.row(i).iter().copied().collect())
+            .collect(),
+        fit: Some(FitSummary {
+            tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
+            flights: flights.iter().map(|flight| flight.name.clone()).collect(),
+            configuration: stretches[0].configurations[0],
+            rows: objective.counted_rows(),
+            objective: minimum.value,
+            iterations: minimum.iterations,
+            converged: minimum.converged,
+            options: options.clone(),
+        }),
+    })
+}
+
+/// All stretches of all flights, after a check that their configuration is one and the same.
+fn one_configuration(flights: &[Flight]) -> Result<Vec<FlightData>, PhysicalError> {
+    let mut stretches = Vec::new();
+    for flight in flights {
+        stretches.extend(FlightData::stretches(flight)?);
+    }
+    let expected = stretches.first().ok_or(PhysicalError::NoFlights)?.configurations[0];
+    for stretch in &stretches {
+        let differs = |found: &&_| !super::super::bank::same(found, &expected);
+        if let Some(found) = stretch.configurations.iter().find(differs) {
+            return Err(PhysicalError::MixedConfigurations {
+                flight: stretch.name.clone(),
+                found: *found,
+                expected,
+            });
+        }
+    }
+    Ok(stretches)
+}
+
+/// The first start that explains the flights' first rows, or the best of all; `None` if all diverged.
+fn first_stage(
+    flights: &[FlightData],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(FitProgress),
+) -> Option<Minimum> {
+    let objective = Objective {
+        flights,
+        rows: FIRST_ROWS,
+        robust_scale_m: FIRST_SCALE_M,
+        correlated_rows: FIRST_CORRELATED_ROWS,
+        options,
+    };
+    let mut best: Option<Minimum> = None;
+    let held = held(options, &LIMITS);
+    let starts = options.starts.iter().copied().chain(built_in_starts());
+    for (number, mut start) in starts.enumerate() {
+        if let Some(vehicle) = &options.vehicle {
+            start = start.with_vehicle(vehicle);
+        }
+        let mut report = |iteration, objective| {
+            progress(FitProgress {
+                start: Some(number),
+                iteration,
+                objective,
+            });
+        };
+        let minimum = minimize(&objective, &start, &held, FIRST_ITERATIONS, &mut report);
+        let mean_loss = minimum.value * FIRST_CORRELATED_ROWS / objective.counted_rows() as f64;
+        if minimum.value < best.as_ref().map_or(f64::INFINITY, |best| best.value) {
+            best = Some(minimum);
+        }
+        if mean_loss < EXPLAINED_LOSS {
+            break;
+        }
+    }
+    best
+}
+
+/// Names of the parameters that stay: `limits`, and the vehicle's where it is known.
+fn held<'a>(options: &PhysicalFitOptions, limits: &[&'a str]) -> Vec<&'a str> {
+    let vehicle = PARAMETERS
+        .iter()
+        .filter(|info| options.vehicle.is_some() && info.part == Part::Vehicle);
+    limits
+        .iter()
+        .copied()
+        .chain(vehicle.map(|info| info.name))
+        .collect()
+}
+
+/// The defaults, then arms and autopilots a good deal softer or stiffer.
+fn built_in_starts() -> impl Iterator<Item = Parameters<f64>> {
+    const VARIATIONS: [(f64, f64); 5] = [(1.0, 1.0), (0.2, 1.0), (5.0, 1.0), (1.0, 0.6), (1.0, 1.6)];
+    VARIATIONS.into_iter().map(|(stiffness, gain)| {
+        let mut start = Parameters::defaults();
+        start.base_stiffness *= stiffness;
+        start.joint_stiffness *= stiffness;
+        start.position_gain_xy *= gain;
+        start.velocity_gain_xy *= gain;
+        start.attitude_gain *= gain;
+        start
+    })
+}

@@ -1,0 +1,167 @@
+use super::super::parameters::PARAMETERS;
+use super::super::synthetic::{random_commands, simulate_flight};
+use super::*;
+
+/// A vehicle that differs from the defaults in autopilot, arm and masses.
+fn vehicle() -> Parameters<f64> {
+    Parameters {
+        position_gain_xy: 1.3,
+        velocity_gain_xy: 2.4,
+        integral_gain_xy: 1.0,
+        attitude_gain: 9.0,
+        command_delay: 0.027,
+        base_stiffness: 1.2,
+        joint_stiffness: 0.25,
+        base_damping: 0.1,
+        tip_mass: 0.14,
+        ..Parameters::defaults()
+    }
+}
+
+fn flights(rows: usize, noise: f64) -> Vec<Flight> {
+    [1, 2]
+        .map(|seed| {
+            let commands = random_commands(rows, seed);
+            simulate_flight(
+                &format!("flight {seed}"),
+                &vehicle(),
+                0.8,
+                &commands,
+                noise,
+                10 + seed,
+            )
+            .0
+        })
+        .to_vec()
+}
+
+fn data(flights: &[Flight]) -> Vec<FlightData> {
+    flights
+        .iter()
+        .flat_map(|flight| FlightData::stretches(flight).unwrap())
+        .collect()
+}
+
+#[test]
+fn gradient_of_the_objective_agrees_with_finite_differences() {
+    let stretches = data(&flights(80, 1e-3));
+    let options = PhysicalFitOptions::default();
+    let objective = Objective {
+        flights: &stretches,
+        rows: usize::MAX,
+        robust_scale_m: 0.05,
+        correlated_rows: 30.0,
+        options: &options,
+    };
+    let parameters = Parameters {
+        command_delay: 0.023, // away from the kinks at whole substeps
+        ..Parameters::defaults()
+    };
+    let equations = objective.normal_equations(&parameters);
+    let scale = equations.gradient.amax();
+    for (i, info) in PARAMETERS.iter().enumerate() {
+        let shifted = |by: f64| {
+            let mut coordinates = parameters.coordinates();
+            coordinates[i] += by;
+            // Not through `from_coordinates`, which clamps to the bounds.
+            let values = std::array::from_fn(|j| PARAMETERS[j].value(coordinates[j]));
+            objective.value(&Parameters::from_array(values))
+        };
+        let h = 1e-4;
+        let difference =
+            (8.0 * (shifted(h) - shifted(-h)) - (shifted(2.0 * h) - shifted(-2.0 * h))) / (12.0 * h);
+        let exact = 2.0 * equations.gradient[i];
+        assert!(
+            (exact - difference).abs() < 1e-6 * scale,
+            "{}: {exact} against {difference}",
+            info.name
+        );
+    }
+}
+
+#[test]
+fn a_synthetic_vehicle_is_recovered() {
+    let model = fit_physical(&flights(260, 5e-4), &PhysicalFitOptions::default(), &mut |_| {}).unwrap();
+    model.validate().unwrap();
+
+    // What the flights determine well is found; what they leave to the prior is not asked for.
+    let (found, truth) = (model.parameters.to_array(), vehicle().to_array());
+    for (i, info) in PARAMETERS.iter().enumerate() {
+        let deviation = info.coordinate(found[i]) - info.coordinate(truth[i]);
+        let sigma = model.covariance[i][i].sqrt();
+        assert!(
+            deviation.abs() < 3.0 * sigma,
+            "{}: {} against {}",
+            info.name,
+            found[i],
+            truth[i]
+        );
+    }
+    assert!((model.parameters.position_gain_xy / 1.3 - 1.0).abs() < 0.02);
+    assert!((model.parameters.tip_mass / 0.14 - 1.0).abs() < 0.1);
+
+    // A flight that it has not seen, simulated from its start to its end.
+    let (unseen, _) = simulate_flight("unseen", &vehicle(), 0.8, &random_commands(260, 9), 0.0, 0);
+    let stretch = FlightData::stretches(&unseen).unwrap().remove(0);
+    let mut state = model.rest_state([0.0, 0.0, 1.5]);
+    for row in 0..stretch.rows() {
+        let error = (6..9)
+            .map(|i| (state[i] - stretch.observed[row].outputs[i]).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        assert!(error < 0.02, "row {row}: {error} m");
+        let mut next = vec![0.0; state.len()];
+        crate::trajopt::Dynamics::step(&model, row, &state, &stretch.commands[row], &mut next);
+        state = next;
+    }
+}
+
+#[test]
+fn the_same_flights_give_the_same_bits_on_any_number_of_threads() {
+    let flights = flights(60, 1e-3);
+    let options = PhysicalFitOptions {
+        max_iterations: 1,
+        ..PhysicalFitOptions::default()
+    };
+    let fit_on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| fit_physical(&flights, &options, &mut |_| {}).unwrap())
+    };
+    assert!(fit_on(1) == fit_on(2));
+}
+
+#[test]
+fn a_model_survives_its_file() {
+    let options = PhysicalFitOptions {
+        max_iterations: 1,
+        ..PhysicalFitOptions::default()
+    };
+    let model = fit_physical(&flights(60, 1e-3), &options, &mut |_| {}).unwrap();
+    let text = serde_json::to_string(&model).unwrap();
+    assert!(serde_json::from_str::<PhysicalModel>(&text).unwrap() == model);
+}
+
+#[test]
+fn bad_flights_are_refused_by_name() {
+    let fit = |flights: &[Flight]| {
+        let error = fit_physical(flights, &PhysicalFitOptions::default(), &mut |_| {}).unwrap_err();
+        error.to_string()
+    };
+    assert!(fit(&[]).contains("no flight"));
+    let good = flights(60, 0.0);
+
+    let mut other = good.clone();
+    other[1].samples[30].configuration.length_m = 0.9;
+    assert!(fit(&other).contains("flight 2"));
+
+    let mut broken = good.clone();
+    broken[0].samples[7].command[1] = f64::NAN;
+    assert!(fit(&broken).contains("row 7"));
+
+    let mut short = good.clone();
+    short[1].samples.truncate(10);
+    assert!(fit(&short).contains("10 rows"));
+}

@@ -1,0 +1,55 @@
+//! The physical family: a reduced-order model of quadrotor, autopilot and arm, fitted by simulation error.
+//!
+//! # The model
+//!
+//! Masses are counted in quadrotor masses, since poses tell only their ratios. With the commanded position u
+//! arriving after a delay, position p, velocity v, up-axis b and collective thrust T per total mass:
+//!
+//! - **autopilot** (`autopilot.rs`): `v_sp = K_p (u − p)`, `a = P (v_sp − v) + I − D v̇`, thrust along
+//!   `(a_x, a_y, g)` with limited tilt and the excess fed back to the integrator I; quaternion attitude loop
+//!   `ω_sp = 2 K vec(q* ⊗ q_sp)`, rate loop and motors as lags; the structure of PX4's cascade, whose default
+//!   gains are the means of the priors. Limits have rounded corners (`limits.rs`);
+//! - **arm** (`arm.rs`): [`LINKS`](state::LINKS) rigid links with point masses, hung below the quadrotor, with
+//!   elastic damped joints (the first one towards the body's down-axis) and quadratic air drag; constraint
+//!   forces act on both bodies. Its length may change;
+//! - **time** (`step.rs`): semi-implicit Euler steps of 10 ms.
+//!
+//! The flat state is the nine outputs `x ∈ R⁹` followed by the hidden rest ([`STATE_LEN`] entries), so costs and
+//! constraints on outputs are costs and constraints on its first nine entries.
+//!
+//! # Use
+//!
+//! - [`PARAMETERS`] is the table of parameters: names, units, bounds, priors. [`Parameters::mean`] interpolates
+//!   between configurations: positive parameters geometrically, others arithmetically, lengths by the arm's own.
+//! - [`fit_physical`]: flights of one configuration → [`PhysicalModel`] (serializable, with its provenance and
+//!   the posterior covariance).
+//! - [`PhysicalModel`] is [`crate::trajopt::Dynamics`]; all derivatives are exact, by forward-mode differentiation
+//!   of the same code (`scalar.rs`). Along a schedule it is a [`super::ScheduledModel`], which knows the growth.
+//! - [`observe`] estimates the hidden states from a flight's poses by an extended Kalman filter: rollouts
+//!   start from its estimates.
+
+mod arm;
+mod autopilot;
+mod dynamics;
+mod error;
+mod fit;
+mod flight_data;
+mod limits;
+mod model;
+mod observer;
+mod parameters;
+mod scalar;
+mod state;
+mod step;
+#[cfg(test)]
+pub(super) mod synthetic;
+mod vector;
+
+pub use arm::ArmLength;
+pub use error::PhysicalError;
+pub use fit::{FitProgress, PhysicalFitOptions, fit_physical};
+pub use flight_data::{FlightData, Observed, arm_lengths};
+pub use model::{FitSummary, PhysicalModel, pooled_vehicle};
+pub use observer::{Observer, observe};
+pub use parameters::{PARAMETER_COUNT, PARAMETERS, ParameterInfo, Parameters, Part, Scale};
+pub use state::{OUTPUT_LEN, STATE_LEN};

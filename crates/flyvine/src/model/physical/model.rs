@@ -1,0 +1,227 @@
+//! A fitted physical model: parameters, how sure they are, and where they came from.
+
+use super::arm::ArmLength;
+use super::error::PhysicalError;
+use super::fit::PhysicalFitOptions;
+use super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
+use super::state::{STATE_LEN, State};
+use crate::flight::Configuration;
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// A physical model at one configuration, as [`crate::trajopt::Dynamics`] for an arm of one length and growth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhysicalModel {
+    /// The parameters.
+    pub parameters: Parameters<f64>,
+    /// The arm's length, and its growth while the model steps.
+    pub arm: ArmLength,
+    /// Posterior covariance of the parameters' coordinates ([`Parameters::coordinates`]),
+    /// [`PARAMETER_COUNT`] × [`PARAMETER_COUNT`]; empty for an interpolated model.
+    pub covariance: Vec<Vec<f64>>,
+    /// Where it came from; `None` for an interpolated model.
+    pub fit: Option<FitSummary>,
+}
+
+/// Provenance of a fitted model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FitSummary {
+    /// Program and version that fitted it.
+    pub tool: String,
+    /// Names of the flights.
+    pub flights: Vec<String>,
+    /// Their configuration.
+    pub configuration: Configuration,
+    /// Rows simulated.
+    pub rows: usize,
+    /// The objective at the parameters.
+    pub objective: f64,
+    /// Iterations on whole flights.
+    pub iterations: usize,
+    /// Whether the objective had stopped decreasing.
+    pub converged: bool,
+    /// Options of the fit.
+    pub options: PhysicalFitOptions,
+}
+
+/// Least room for the arm below its base, m.
+const SHORTEST_ARM_M: f64 = 0.05;
+
+impl PhysicalModel {
+    /// A model that was not fitted.
+    ///
+    /// # Errors
+    /// As [`Self::validate`].
+    pub fn new(parameters: Parameters<f64>, arm: ArmLength) -> Result<Self, PhysicalError> {
+        let model = PhysicalModel {
+            parameters,
+            arm,
+            covariance: Vec::new(),
+            fit: None,
+        };
+        model.validate()?;
+        Ok(model)
+    }
+
+    /// The model between `parts` for an arm of `length_m`: [`Parameters::mean`] of theirs, with weights that sum
+    /// to one. A single part is itself, to the last bit.
+    pub fn between(parts: &[(f64, &Self)], length_m: f64) -> Self {
+        if let [(1.0, only)] = parts {
+            return (*only).clone();
+        }
+        let parameters: Vec<_> = parts
+            .iter()
+            .map(|(weight, part)| (*weight, &part.parameters))
+            .collect();
+        PhysicalModel {
+            parameters: Parameters::mean(&parameters),
+            arm: ArmLength::constant(length_m),
+            covariance: Vec::new(),
+            fit: None,
+        }
+    }
+
+    /// Standard deviation of every parameter's coordinate: for logarithmic ones a relative error.
+    pub fn standard_deviations(&self) -> Vec<f64> {
+        self.covariance
+            .iter()
+            .enumerate()
+            .map(|(i, row)| row[i].sqrt())
+            .collect()
+    }
+
+    /// Refuses what a damaged file may hold.
+    ///
+    /// # Errors
+    /// A parameter outside its bounds, an arm without length, or a covariance of the wrong size.
+    pub fn validate(&self) -> Result<(), PhysicalError> {
+        if let Some((info, found)) = self.parameters.out_of_bounds() {
+            return Err(PhysicalError::OutOfBounds {
+                name: info.name,
+                found,
+                lower: info.lower,
+                upper: info.upper,
+                unit: info.unit,
+            });
+        }
+        let ArmLength { length_m, rate_m_s } = self.arm;
+        let shortest_m = self.parameters.base_offset + SHORTEST_ARM_M;
+        if !(length_m >= shortest_m && length_m.is_finite() && rate_m_s.is_finite()) {
+            return Err(PhysicalError::ArmTooShort {
+                length_m,
+                rate_m_s,
+                shortest_m,
+            });
+        }
+        let sizes = std::iter::once(self.covariance.len()).chain(self.covariance.iter().map(Vec::len));
+        for found in sizes {
+            if !self.covariance.is_empty() && found != PARAMETER_COUNT {
+                return Err(PhysicalError::Shape {
+                    what: "rows or columns of the parameters' covariance",
+                    found,
+                    expected: PARAMETER_COUNT,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The flat state at rest at `position`.
+    pub fn rest_state(&self, position: [f64; 3]) -> Vec<f64> {
+        let mut flat = vec![0.0; STATE_LEN];
+        State::rest(&self.parameters, self.arm.length_m, position).write_flat(&mut flat);
+        flat
+    }
+}
+
+/// The vehicle that several fits, of arms in different configurations, agree on: the mean of their vehicle
+/// parameters weighted by their precision, `(Σ S_c)⁻¹ Σ S_c a_c`, where `S_c` is the inverse of the posterior
+/// covariance of those parameters' coordinates. The arm's parameters of the result are the first model's.
+///
+/// # Errors
+/// No model, or one without a (positive definite) covariance.
+pub fn pooled_vehicle(models: &[PhysicalModel]) -> Result<Parameters<f64>, PhysicalError> {
+    let vehicle: Vec<usize> = (0..PARAMETER_COUNT)
+        .filter(|&i| PARAMETERS[i].part == Part::Vehicle)
+        .collect();
+    let count = vehicle.len();
+    let mut precision = DMatrix::zeros(count, count);
+    let mut weighted = DVector::zeros(count);
+    for model in models {
+        model.validate()?;
+        let coordinates = model.parameters.coordinates();
+        let own = DVector::from_fn(count, |i, _| coordinates[vehicle[i]]);
+        let covariance = (model.covariance.len() == PARAMETER_COUNT)
+            .then(|| DMatrix::from_fn(count, count, |i, j| model.covariance[vehicle[i]][vehicle[j]]));
+        let inverse = covariance
+            .and_then(DMatrix::cholesky)
+            .ok_or(PhysicalError::NoCovariance)?
+            .inverse();
+        weighted += &inverse * own;
+        precision += inverse;
+    }
+    let first = models.first().ok_or(PhysicalError::NoFlights)?;
+    let pooled = precision
+        .cholesky()
+        .ok_or(PhysicalError::NoCovariance)?
+        .solve(&weighted);
+    let mut coordinates = first.parameters.coordinates();
+    for (i, &index) in vehicle.iter().enumerate() {
+        coordinates[index] = pooled[i];
+    }
+    Ok(Parameters::from_coordinates(coordinates))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_damaged_file_may_hold_is_refused_by_name() {
+        let good = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
+        let mut bad = good.clone();
+        bad.parameters.rate_gain = -1.0;
+        assert!(bad.validate().unwrap_err().to_string().contains("rate_gain"));
+        for length_m in [0.01, f64::NAN, f64::INFINITY] {
+            bad = good.clone();
+            bad.arm.length_m = length_m;
+            assert!(matches!(bad.validate(), Err(PhysicalError::ArmTooShort { .. })));
+        }
+        bad = good.clone();
+        bad.covariance = vec![vec![1.0; 3]; PARAMETER_COUNT];
+        assert!(matches!(
+            bad.validate(),
+            Err(PhysicalError::Shape { found: 3, .. })
+        ));
+    }
+
+    #[test]
+    fn pooling_weighs_by_precision_and_leaves_the_arm_alone() {
+        let diagonal = |variance: f64| {
+            (0..PARAMETER_COUNT)
+                .map(|i| {
+                    (0..PARAMETER_COUNT)
+                        .map(|j| if i == j { variance } else { 0.0 })
+                        .collect()
+                })
+                .collect()
+        };
+        let mut sure = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
+        let mut unsure = sure.clone();
+        (sure.covariance, unsure.covariance) = (diagonal(0.01), diagonal(0.03));
+        (
+            sure.parameters.position_gain_xy,
+            unsure.parameters.position_gain_xy,
+        ) = (1.0, 2.0);
+        unsure.parameters.tip_mass = 0.5;
+        let pooled = pooled_vehicle(&[sure.clone(), unsure.clone()]).unwrap();
+        // Weights 3 : 1 on the logarithm.
+        assert!((pooled.position_gain_xy - 2.0_f64.powf(0.25)).abs() < 1e-12);
+        assert_eq!(pooled.tip_mass, sure.parameters.tip_mass);
+        unsure.covariance.clear();
+        assert_eq!(pooled_vehicle(&[sure, unsure]), Err(PhysicalError::NoCovariance));
+        assert_eq!(pooled_vehicle(&[]), Err(PhysicalError::NoFlights));
+    }
+}

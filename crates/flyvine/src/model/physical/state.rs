@@ -1,0 +1,162 @@
+//! The state of the physical model and its flat layout.
+
+use super::arm::{ArmLength, base, link_lengths};
+use super::parameters::Parameters;
+use super::scalar::Scalar;
+use super::vector::{Attitude, Vector};
+use crate::GRAVITY;
+
+/// Number of rigid links of the arm.
+pub const LINKS: usize = 2;
+
+/// Length of the flat state: the nine outputs first, then what is hidden.
+pub const STATE_LEN: usize = 25 + 6 * LINKS;
+
+/// Number of outputs `x ∈ R⁹`: quadrotor position, attitude vector part, end-effector position.
+pub const OUTPUT_LEN: usize = 9;
+
+/// State of quadrotor, autopilot and arm. World frame unless said otherwise.
+///
+/// Flat layout: position (3), attitude (3), tip (3) | velocity (3), body rate (3), angular acceleration (3),
+/// integrator (3), filtered velocity (3), thrust (1), command (3), tip velocity (3) | for every inner joint
+/// from the base outwards: position (3), velocity (3).
+#[derive(Debug, Clone, Copy)]
+pub struct State<S> {
+    /// Quadrotor position, m.
+    pub position: Vector<S>,
+    /// Vector part of the attitude quaternion `world_from_body`.
+    pub attitude: Vector<S>,
+    /// Quadrotor velocity, m/s.
+    pub velocity: Vector<S>,
+    /// Angular velocity in body coordinates, rad/s.
+    pub body_rate: Vector<S>,
+    /// Angular acceleration that the motors produce, body coordinates, rad/s².
+    pub angular_acceleration: Vector<S>,
+    /// Integrator of the velocity loop, m/s².
+    pub integrator: Vector<S>,
+    /// Low-passed velocity, whose distance from the velocity gives the derivative term, m/s.
+    pub filtered_velocity: Vector<S>,
+    /// Collective thrust per total mass, m/s².
+    pub thrust: S,
+    /// The command of the previous knot, still in transport, m.
+    pub command: Vector<S>,
+    /// Outer ends of the links from the base outwards, m; the last is the end effector.
+    pub points: [Vector<S>; LINKS],
+    /// Their velocities, m/s.
+    pub point_velocities: [Vector<S>; LINKS],
+}
+
+impl<S: Scalar> State<S> {
+    /// The state that poses suggest: the arm straight towards the end effector, velocities as given, and the
+    /// autopilot as if the tilt were what it wants, so that its horizontal integrator is
+    /// `I = a + D a − P (K (u − p) − v)` with `a = g tan(tilt)`. `command` is the command u in force.
+    pub fn from_poses(
+        parameters: &Parameters<S>,
+        arm: ArmLength,
+        outputs: &[f64; OUTPUT_LEN],
+        velocity: [f64; 3],
+        tip_velocity: [f64; 3],
+        command: [f64; 3],
+    ) -> Self {
+        let [px, py, pz, ax, ay, az, tx, ty, tz] = *outputs;
+        let velocity = Vector::constant(velocity);
+        let swing = Vector::constant(tip_velocity) - velocity;
+        let mut state = State {
+            position: Vector::constant([px, py, pz]),
+            attitude: Vector::constant([ax, ay, az]),
+            velocity,
+            body_rate: Vector::zero(),
+            angular_acceleration: Vector::zero(),
+            integrator: Vector::zero(),
+            filtered_velocity: velocity,
+            thrust: S::from(GRAVITY),
+            command: Vector::constant(command),
+            points: [Vector::zero(); LINKS],
+            point_velocities: [velocity; LINKS],
+        };
+        let p = parameters;
+        let up = state.rotation().up();
+        for axis in 0..2 {
+            let acceleration = up.0[axis] / up.0[2] * GRAVITY;
+            let error =
+                (state.command.0[axis] - state.position.0[axis]) * p.position_gain_xy - velocity.0[axis];
+            state.integrator.0[axis] =
+                acceleration * (p.derivative_gain_xy + 1.0) - p.velocity_gain_xy * error;
+            state.filtered_velocity.0[axis] = velocity.0[axis] - p.derivative_time_constant * acceleration;
+        }
+        let (base, _) = base(parameters, &state);
+        let span = Vector::constant([tx, ty, tz]) - base;
+        let direction = span * span.norm_squared().sqrt().recip();
+        let (mut reach, total) = (S::from(0.0), -parameters.base_offset + arm.length_m);
+        for (i, (length, _)) in link_lengths(parameters, arm).into_iter().enumerate() {
+            reach = reach + length;
+            state.points[i] = base + direction * reach;
+            state.point_velocities[i] = velocity + swing * (reach / total);
+        }
+        state
+    }
+
+    /// Hovering at rest at `position`, level, the arm straight down, commanded to stay.
+    pub fn rest(parameters: &Parameters<S>, length_m: f64, position: [f64; 3]) -> Self {
+        let [x, y, z] = position;
+        let outputs = [x, y, z, 0.0, 0.0, 0.0, x, y, z - length_m];
+        let arm = ArmLength::constant(length_m);
+        Self::from_poses(parameters, arm, &outputs, [0.0; 3], [0.0; 3], position)
+    }
+
+    /// From the flat layout ([`STATE_LEN`] entries).
+    pub fn from_flat(flat: &[S]) -> Self {
+        let vector = |at: usize| Vector([flat[at], flat[at + 1], flat[at + 2]]);
+        let mut points = [vector(6); LINKS];
+        let mut point_velocities = [vector(28); LINKS];
+        for joint in 0..LINKS - 1 {
+            points[joint] = vector(31 + 6 * joint);
+            point_velocities[joint] = vector(34 + 6 * joint);
+        }
+        State {
+            position: vector(0),
+            attitude: vector(3),
+            velocity: vector(9),
+            body_rate: vector(12),
+            angular_acceleration: vector(15),
+            integrator: vector(18),
+            filtered_velocity: vector(21),
+            thrust: flat[24],
+            command: vector(25),
+            points,
+            point_velocities,
+        }
+    }
+
+    /// Writes the flat layout into the first [`STATE_LEN`] entries of `flat`.
+    pub fn write_flat(&self, flat: &mut [S]) {
+        let mut put = |at: usize, vector: &Vector<S>| flat[at..at + 3].copy_from_slice(&vector.0);
+        put(0, &self.position);
+        put(3, &self.attitude);
+        put(6, &self.points[LINKS - 1]);
+        put(9, &self.velocity);
+        put(12, &self.body_rate);
+        put(15, &self.angular_acceleration);
+        put(18, &self.integrator);
+        put(21, &self.filtered_velocity);
+        put(25, &self.command);
+        put(28, &self.point_velocities[LINKS - 1]);
+        for joint in 0..LINKS - 1 {
+            put(31 + 6 * joint, &self.points[joint]);
+            put(34 + 6 * joint, &self.point_velocities[joint]);
+        }
+        flat[24] = self.thrust;
+    }
+
+    /// The outputs `x ∈ R⁹`.
+    pub fn outputs(&self) -> [S; OUTPUT_LEN] {
+        let ([a, b, c], [d, e, f]) = (self.position.0, self.attitude.0);
+        let [x, y, z] = self.points[LINKS - 1].0;
+        [a, b, c, d, e, f, x, y, z]
+    }
+
+    /// The attitude as a quaternion.
+    pub fn rotation(&self) -> Attitude<S> {
+        Attitude::from_vector_part(self.attitude)
+    }
+}

@@ -1,0 +1,156 @@
+//! One knot of the model: semi-implicit Euler substeps of quadrotor, autopilot and arm.
+
+use super::arm::{ArmLength, accelerations, base, link_lengths};
+use super::autopilot::autopilot;
+use super::parameters::Parameters;
+use super::scalar::Scalar;
+use super::state::{LINKS, State};
+use super::vector::Vector;
+use crate::DT;
+
+/// Substeps per knot.
+pub const SUBSTEPS: usize = 5;
+/// Length of a substep, s.
+pub const SUBSTEP_S: f64 = DT / SUBSTEPS as f64;
+
+/// The state [`DT`] later, under `command` issued now and held.
+///
+/// The command arrives after the transport delay; within the substep of its arrival the old and the new one
+/// are averaged by their shares of time, so that the delay has a derivative.
+pub fn step<S: Scalar>(
+    parameters: &Parameters<S>,
+    arm: ArmLength,
+    state: &State<S>,
+    command: &Vector<S>,
+) -> State<S> {
+    let mut now = *state;
+    for substep in 0..SUBSTEPS {
+        let arrived = (-parameters.command_delay + (substep + 1) as f64 * SUBSTEP_S) * (1.0 / SUBSTEP_S);
+        let effective = if arrived.value() <= 0.0 {
+            state.command
+        } else if arrived.value() > 1.0 {
+            *command
+        } else {
+            state.command + (*command - state.command) * arrived
+        };
+        let length = ArmLength {
+            length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
+            ..arm
+        };
+        now = advance(parameters, length, &now, &effective);
+    }
+    now.command = *command;
+    now
+}
+
+/// One substep: velocities first, positions with the new velocities, then the arm back onto its lengths.
+fn advance<S: Scalar>(
+    parameters: &Parameters<S>,
+    arm: ArmLength,
+    state: &State<S>,
+    command: &Vector<S>,
+) -> State<S> {
+    const H: f64 = SUBSTEP_S;
+    let p = parameters;
+    let rotation = state.rotation();
+    let pilot = autopilot(p, state, &rotation, command);
+    let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration);
+
+    // First-order lags by implicit Euler: x⁺ = x + (x_sp − x) h / (τ + h).
+    let thrust_share = (p.thrust_time_constant + H).recip() * H;
+    let rate_share = (p.rate_time_constant + H).recip() * H;
+    let derivative_share = p.derivative_time_constant / (p.derivative_time_constant + H);
+
+    let velocity = state.velocity + arm_now.quadrotor.scale(H);
+    let body_torque = rotation.rotate_back(&arm_now.torque) * p.arm_torque_gain;
+    let angular_acceleration = state.angular_acceleration
+        + (pilot.angular_acceleration_setpoint - state.angular_acceleration) * rate_share;
+    let body_rate = state.body_rate + (angular_acceleration + body_torque).scale(H);
+    let attitude = state.attitude + rotation.vector_part_rate(&body_rate).scale(H);
+    let mut next = State {
+        position: state.position + velocity.scale(H),
+        attitude,
+        velocity,
+        body_rate,
+        angular_acceleration,
+        integrator: state.integrator + pilot.integrator.scale(H),
+        filtered_velocity: state.filtered_velocity + (pilot.filtered_velocity * derivative_share).scale(H),
+        thrust: state.thrust + (pilot.thrust_setpoint - state.thrust) * thrust_share,
+        ..*state
+    };
+    for i in 0..LINKS {
+        next.point_velocities[i] = state.point_velocities[i] + arm_now.points[i].scale(H);
+        next.points[i] = state.points[i] + next.point_velocities[i].scale(H);
+    }
+    onto_lengths(p, arm, &mut next);
+    next
+}
+
+/// Moves the links' outer ends to the links' lengths, and their velocities to what those allow.
+fn onto_lengths<S: Scalar>(parameters: &Parameters<S>, arm: ArmLength, state: &mut State<S>) {
+    let (mut inner, mut inner_velocity) = base(parameters, state);
+    for (i, (length, length_rate)) in link_lengths(parameters, arm).into_iter().enumerate() {
+        let span = state.points[i] - inner;
+        let direction = span * (span.norm_squared() + 1e-12).sqrt().recip();
+        let relative = state.point_velocities[i] - inner_velocity;
+        state.points[i] = inner + direction * length;
+        state.point_velocities[i] =
+            inner_velocity + relative.perpendicular_to(&direction) + direction * length_rate;
+        inner = state.points[i];
+        inner_velocity = state.point_velocities[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::state::STATE_LEN;
+    use super::*;
+
+    #[test]
+    fn rest_stays_at_rest() {
+        let parameters = Parameters::defaults();
+        let rest = State::rest(&parameters, 0.9, [0.3, -0.2, 1.4]);
+        let mut state = rest;
+        for _ in 0..100 {
+            state = step(&parameters, ArmLength::constant(0.9), &state, &rest.command);
+        }
+        let (mut before, mut after) = ([0.0; STATE_LEN], [0.0; STATE_LEN]);
+        rest.write_flat(&mut before);
+        state.write_flat(&mut after);
+        for (entry, (a, b)) in before.iter().zip(after).enumerate() {
+            assert!((a - b).abs() < 1e-6, "entry {entry}: {a} became {b}");
+        }
+    }
+
+    #[test]
+    fn a_new_command_waits_for_the_transport_delay() {
+        let mut parameters = Parameters::defaults();
+        let rest = State::rest(&parameters, 0.7, [0.0, 0.0, 1.5]);
+        let command = Vector([1.0, 0.0, 1.5]);
+        let moved = |parameters: &Parameters<f64>| {
+            step(parameters, ArmLength::constant(0.7), &rest, &command)
+                .integrator
+                .0[0]
+        };
+        parameters.command_delay = 0.05;
+        assert!(moved(&parameters).abs() < 1e-12);
+        parameters.command_delay = 0.0;
+        assert!(moved(&parameters) > 1e-3);
+    }
+
+    #[test]
+    fn a_growing_arm_ends_as_long_as_it_should() {
+        let parameters = Parameters::defaults();
+        let mut state = State::rest(&parameters, 0.7, [0.0, 0.0, 1.5]);
+        let command = state.command;
+        for knot in 0..200 {
+            let arm = ArmLength {
+                length_m: 0.7 + 0.001 * f64::from(knot),
+                rate_m_s: 0.02,
+            };
+            state = step(&parameters, arm, &state, &command);
+        }
+        let [.., tip] = state.outputs();
+        assert!((1.5 - tip - 0.9).abs() < 5e-3, "arm of {} m", 1.5 - tip);
+    }
+}

@@ -1,0 +1,190 @@
+//! From flights to a bank of the physical family.
+
+use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
+use super::error::ModelError;
+use super::family::Model;
+use super::fit::{group, refuse_duplicates};
+use super::options::FitOptions;
+use super::physical::{
+    FitProgress, PARAMETER_COUNT, PhysicalFitOptions, PhysicalModel, fit_physical, pooled_vehicle,
+};
+use crate::flight::{Configuration, Flight};
+use nalgebra::DMatrix;
+use std::collections::BTreeMap;
+
+/// Fits one physical model per corner of the flown (pressure, length) range and joins them in a bank.
+///
+/// The vehicle is the same whatever the arm's configuration: every corner is fitted on its own first, then the
+/// vehicle that they agree on ([`pooled_vehicle`]) is held and the arms are fitted again, so that what the bank
+/// interpolates is the arm alone. With a single corner the first fit is kept. Flights at interior configurations
+/// and flights whose configuration changes are not fitted.
+///
+/// `progress` is called with the corner's number and where its fit is.
+///
+/// # Errors
+/// No flight with a constant configuration, a corner without flights, the same recording given twice, or as
+/// [`fit_physical`].
+pub fn fit_physical_bank(
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(usize, FitProgress),
+) -> Result<Bank, ModelError> {
+    refuse_duplicates(flights)?;
+    let corners: Vec<(Configuration, Vec<Flight>)> = group(flights)?
+        .corners
+        .into_iter()
+        .map(|(configuration, members)| {
+            let members = members.into_iter().map(|index| flights[index].clone()).collect();
+            (configuration, members)
+        })
+        .collect();
+    let mut fits: Vec<PhysicalModel> = Vec::new();
+    for (number, (_, members)) in corners.iter().enumerate() {
+        // A neighbour's result is a good start.
+        let mut options = options.clone();
+        options.starts.extend(fits.last().map(|fit| fit.parameters));
+        fits.push(fit_physical(members, &options, &mut |at| progress(number, at))?);
+    }
+    if fits.len() > 1 && options.vehicle.is_none() {
+        let vehicle = pooled_vehicle(&fits)?;
+        for (number, (_, members)) in corners.iter().enumerate() {
+            let options = PhysicalFitOptions {
+                vehicle: Some(vehicle),
+                starts: vec![fits[number].parameters],
+                ..options.clone()
+            };
+            fits[number] = fit_physical(members, &options, &mut |at| progress(number, at))?;
+        }
+    }
+    let models = corners
+        .iter()
+        .zip(fits)
+        .map(|((configuration, _), fit)| bank_model(*configuration, fit))
+        .collect::<Result<_, _>>()?;
+    let provenance = BankProvenance {
+        tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
+        inputs: Vec::new(),
+        options: FitOptions::default(),
+        chosen: None,
+    };
+    Bank::new(models, provenance)
+}
+
+fn bank_model(configuration: Configuration, fit: PhysicalModel) -> Result<BankModel, ModelError> {
+    let (flights, rows) = fit
+        .fit
+        .as_ref()
+        .map(|summary| (summary.flights.clone(), summary.rows))
+        .unwrap_or_default();
+    let condition_number = condition_number(&fit.covariance);
+    let model = Model::Physical(fit);
+    let diagnostics = ModelDiagnostics {
+        flights,
+        rows,
+        coefficients: PARAMETER_COUNT,
+        condition_number,
+        linear_condition_number: condition_number,
+        spectral_radius: model.spectral_radius(configuration)?,
+        residual_rms: BTreeMap::new(),
+    };
+    Ok(BankModel {
+        configuration,
+        model,
+        diagnostics,
+    })
+}
+
+/// Condition number of the equilibrated sensitivities: the root of that of the posterior's correlation matrix.
+fn condition_number(covariance: &[Vec<f64>]) -> f64 {
+    let sigma: Vec<f64> = covariance
+        .iter()
+        .enumerate()
+        .map(|(i, row)| row[i].sqrt())
+        .collect();
+    let correlation = DMatrix::from_fn(sigma.len(), sigma.len(), |i, j| {
+        covariance[i][j] / (sigma[i] * sigma[j])
+    });
+    let eigenvalues = correlation.symmetric_eigenvalues();
+    (eigenvalues.max() / eigenvalues.min()).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::check;
+    use super::super::physical::synthetic::{random_commands, simulate_flight};
+    use super::super::physical::{ArmLength, Parameters};
+    use super::*;
+    use crate::trajopt::Dynamics;
+
+    fn flights() -> Vec<Flight> {
+        let flight = |length_m: f64, seed: u64| {
+            let commands = random_commands(120, seed);
+            let name = format!("{length_m} m, flight {seed}");
+            simulate_flight(&name, &Parameters::defaults(), length_m, &commands, 3e-4, seed).0
+        };
+        vec![flight(0.7, 1), flight(1.0, 2)]
+    }
+
+    fn quick() -> PhysicalFitOptions {
+        PhysicalFitOptions {
+            max_iterations: 1,
+            ..PhysicalFitOptions::default()
+        }
+    }
+
+    #[test]
+    fn a_bank_of_two_lengths_shares_one_vehicle_and_predicts_its_flights() {
+        let flights = flights();
+        let bank = fit_physical_bank(&flights, &quick(), &mut |_, _| {}).unwrap();
+        let parameters: Vec<&Parameters<f64>> = bank
+            .models()
+            .iter()
+            .map(|model| match &model.model {
+                Model::Physical(model) => &model.parameters,
+                Model::Lag(_) => panic!("a physical model"),
+            })
+            .collect();
+        assert_eq!(parameters[0].with_vehicle(parameters[1]), *parameters[0]);
+        let report = check(&bank, &flights).unwrap();
+        for flight in &report.flights {
+            let error = flight.rollout[2].median_m.unwrap();
+            assert!(error < 0.02, "{}: {error} m at 2.5 s", flight.path);
+        }
+        assert!(report.models.iter().all(|model| model.spectral_radius < 1.0));
+
+        let text = serde_json::to_string(&bank).unwrap();
+        assert!(serde_json::from_str::<Bank>(&text).unwrap() == bank);
+    }
+
+    #[test]
+    fn a_schedule_knows_how_fast_the_arm_grows() {
+        let model = |length_m: f64| {
+            let fit = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(length_m)).unwrap();
+            BankModel {
+                configuration: at_length(length_m),
+                model: Model::Physical(fit),
+                diagnostics: ModelDiagnostics::default(),
+            }
+        };
+        let bank = Bank::new(vec![model(0.7), model(1.0)], BankProvenance::default()).unwrap();
+        let lengths = [0.7, 0.7, 0.701, 0.702, 0.702];
+        let schedule = bank.scheduled(&lengths.map(at_length)).unwrap();
+        let rates: Vec<f64> = (0..7)
+            .map(|knot| match schedule.at_knot(knot) {
+                Model::Physical(model) => model.arm.rate_m_s,
+                Model::Lag(_) => panic!("a physical model"),
+            })
+            .collect();
+        for (found, expected) in rates.iter().zip([0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.0]) {
+            assert!((found - expected).abs() < 1e-12, "{rates:?}");
+        }
+        assert_eq!(schedule.state_len(), schedule.fresh_len());
+    }
+
+    fn at_length(length_m: f64) -> Configuration {
+        Configuration {
+            length_m,
+            pressure_kpa: 0.0,
+        }
+    }
+}
