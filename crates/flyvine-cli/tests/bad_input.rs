@@ -170,7 +170,8 @@ fn broken_mappings() {
         let path = case.write("mapping.toml", contents);
         let log = case.write(
             "log.csv",
-            "t,cmd_x,cmd_y,cmd_z,quad_x,quad_y,quad_z,quat_x,quat_y,quat_z,quat_w,payload_x,payload_y,payload_z,ok,cmd_vx,cmd_vy,cmd_vz\n",
+            "t,cmd_x,cmd_y,cmd_z,quad_x,quad_y,quad_z,quat_x,quat_y,quat_z,quat_w,payload_x,payload_y,payload_z,ok,cmd_vx,cmd_vy,cmd_vz\n\
+             0.00,0,0,1,0,0,1,0,0,0,1,0,0,0.5,1,0,0,0\n0.01,0,0,1,0,0,1,0,0,0,1,0,0,0.5,1,0,0,0\n",
         );
         let out = case.folder.path().join("out.csv");
         let assert = flyvine()
@@ -207,7 +208,7 @@ fn recordings_that_cannot_be_fitted() {
         &["corner"],
     );
     Case::new().refuses(
-        &["fit", &recording, "--height-ridge", "-1", "--out", "OUT"],
+        &["fit", &recording, "--height-ridge=-1", "--out", "OUT"],
         &["--height-ridge", "-1"],
     );
     Case::new().refuses(

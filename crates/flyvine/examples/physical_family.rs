@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let bank = Bank::new(
             vec![BankModel {
                 configuration: fit.configuration,
-                model: Model::Physical(model),
+                model: Model::Physical(Box::new(model)),
                 diagnostics: ModelDiagnostics::default(),
             }],
             BankProvenance::default(),

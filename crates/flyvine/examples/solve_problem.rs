@@ -15,12 +15,7 @@ fn main() -> Result<(), BenchmarkError> {
     println!("problem          J              violation  steps  factorizations  CPU ms  status");
     for path in std::env::args().skip(1) {
         let benchmark = read_problem(path.as_ref())?;
-        let report = solve_report(
-            &benchmark,
-            Options::default(),
-            if std::env::var("TRACE").is_ok() { 1 } else { 100 },
-            &cpu_ms,
-        )?;
+        let report = solve_report(&benchmark, Options::default(), 100, &cpu_ms)?;
         println!(
             "{:14} {:14.7}  {:9.1e}  {:5}  {:14}  {:6.3}  {}",
             report.problem,

@@ -1,5 +1,7 @@
 //! Lag models on recordings: the independent reference vehicle, and real Crazyflies with a slung load.
 
+#![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
+
 use flyvine::flight::{Flight, HygieneOptions, Mapping, clean, read_flight};
 use flyvine::model::{
     CheckReport, Finding, FitOptions, LagModel, Refinement, Ridge, Structure, check, fit_bank,

@@ -1,6 +1,8 @@
 //! The default vehicle against hardware: the paper's 12 flown plans replayed, and the measured curves of its
 //! figures.
 
+#![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
+
 use flyvine::sim::paper;
 use flyvine::sim::replay::{ReplayRow, replay_table};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};

@@ -9,4 +9,6 @@ pub use problem_file::{BenchmarkProblem, parse_problem, read_problem};
 pub use report::{SolveReport, solve_report};
 
 #[cfg(test)]
+mod perturbed_tests;
+#[cfg(test)]
 mod tests;

@@ -14,11 +14,12 @@ const HOVER_HEIGHT_M: f64 = 1.5;
 /// One predictor, of whichever family.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "family", rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant)] // a bank holds at most four
 pub enum Model {
     /// Polynomial in lagged states and commands.
     Lag(LagModel),
     /// Reduced-order physics of quadrotor, autopilot and arm.
-    Physical(PhysicalModel),
+    Physical(Box<PhysicalModel>),
 }
 
 impl Model {
@@ -53,13 +54,16 @@ impl Model {
         for (weight, part) in parts.iter().filter(|(weight, _)| *weight != 0.0) {
             match part {
                 Self::Lag(model) => lag.push((*weight, model)),
-                Self::Physical(model) => physical.push((*weight, model)),
+                Self::Physical(model) => physical.push((*weight, model.as_ref())),
             }
         }
         if physical.is_empty() {
             Self::Lag(LagModel::combination(&lag))
         } else {
-            Self::Physical(PhysicalModel::between(&physical, configuration.length_m))
+            Self::Physical(Box::new(PhysicalModel::between(
+                &physical,
+                configuration.length_m,
+            )))
         }
     }
 
@@ -75,7 +79,7 @@ impl Model {
     fn dynamics(&self) -> &dyn Dynamics {
         match self {
             Self::Lag(model) => model,
-            Self::Physical(model) => model,
+            Self::Physical(model) => model.as_ref(),
         }
     }
 

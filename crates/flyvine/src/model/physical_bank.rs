@@ -40,10 +40,7 @@ pub fn fit_physical_bank(
         .collect();
     let mut fits: Vec<PhysicalModel> = Vec::new();
     for (number, (_, members)) in corners.iter().enumerate() {
-        // A neighbour's result is a good start.
-        let mut options = options.clone();
-        options.starts.extend(fits.last().map(|fit| fit.parameters));
-        fits.push(fit_physical(members, &options, &mut |at| progress(number, at))?);
+        fits.push(fit_physical(members, options, &mut |at| progress(number, at))?);
     }
     if fits.len() > 1 && options.vehicle.is_none() {
         let vehicle = pooled_vehicle(&fits)?;
@@ -77,7 +74,7 @@ fn bank_model(configuration: Configuration, fit: PhysicalModel) -> Result<BankMo
         .map(|summary| (summary.flights.clone(), summary.rows))
         .unwrap_or_default();
     let condition_number = condition_number(&fit.covariance);
-    let model = Model::Physical(fit);
+    let model = Model::Physical(Box::new(fit));
     let diagnostics = ModelDiagnostics {
         flights,
         rows,
@@ -162,7 +159,7 @@ mod tests {
             let fit = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(length_m)).unwrap();
             BankModel {
                 configuration: at_length(length_m),
-                model: Model::Physical(fit),
+                model: Model::Physical(Box::new(fit)),
                 diagnostics: ModelDiagnostics::default(),
             }
         };

@@ -210,7 +210,7 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
             searched: command_reference.shaping.is_some() && task.command_reference.is_none(),
             rollout_error_m: Some(command_reference.rollout_error_m).filter(|error| error.is_finite()),
         },
-        solve: summarize(&solution, &problem, &reference, options),
+        solve: summarize(solution, &problem, &reference, options),
         provenance: Provenance {
             tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).to_owned(),
             task_sha256: options.task_sha256.clone(),

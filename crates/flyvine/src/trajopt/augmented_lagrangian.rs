@@ -138,6 +138,14 @@ impl AugmentedLagrangian {
         grown
     }
 
+    /// The largest ρ, 0 without constraints.
+    pub fn max_penalty(&self) -> f64 {
+        self.constraints
+            .iter()
+            .map(|constraint| constraint.penalty)
+            .fold(0.0, f64::max)
+    }
+
     /// The largest violation.
     pub fn max_violation(&self, value: impl Fn(usize, usize) -> f64) -> f64 {
         self.constraints

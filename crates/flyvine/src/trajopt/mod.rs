@@ -13,11 +13,14 @@ mod dynamics;
 mod ilqr;
 mod options;
 mod problem;
+mod report;
 mod solution;
 mod solver;
+mod start;
 
 pub use dynamics::Dynamics;
 pub use options::Options;
 pub use problem::{Equality, Problem, ProblemError, StateBound};
 pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status};
 pub use solver::Solver;
+pub use start::Start;

@@ -14,7 +14,7 @@ pub struct Options {
     pub max_iterations: usize,
     /// Wall-clock budget of one solve; the best answer so far is returned when it runs out. Default none.
     pub time_limit: Option<Duration>,
-    /// Penalty ρ that constraints start with. Default 10.
+    /// Penalty ρ that constraints start with. Default 100.
     pub penalty_initial: f64,
     /// Factor by which ρ grows when a multiplier update did not help enough. Default 10.
     pub penalty_growth: f64,
@@ -29,7 +29,7 @@ impl Default for Options {
             violation_tolerance: 1e-8,
             max_iterations: 1000,
             time_limit: None,
-            penalty_initial: 10.0,
+            penalty_initial: 100.0,
             penalty_growth: 10.0,
             penalty_max: 1e8,
         }

@@ -1,49 +1,66 @@
 //! The solver: augmented-Lagrangian differential dynamic programming.
+//!
+//! Newton's method on the augmented Lagrangian with exact second derivatives, so the last digits of violation and
+//! stationarity come quadratically; a Riccati factorization is used again while it still contracts.
 
 use std::time::Instant;
 
 use super::augmented_lagrangian::AugmentedLagrangian;
 use super::ilqr::adjoint::Adjoint;
-use super::ilqr::backward::{Convexification, Policy, SweepFailure};
+use super::ilqr::backward::{Convexification, Policy};
 use super::ilqr::expansion::Expansion;
-use super::ilqr::forward::{self, Accepted};
+use super::ilqr::forward::{Accepted, ForwardPass};
 use super::ilqr::rollout;
 use super::ilqr::{Shape, Trajectory};
-use super::{Dynamics, Options, Problem, ProblemError, Solution, Status};
+use super::{Dynamics, Options, Problem, ProblemError, Solution, Start, Status};
+
+/// A factorization serves again if the last step reduced the stationarity at least to this share.
+const REUSE_CONTRACTION: f64 = 0.1;
+/// Stationarity at which the multipliers are updated for the first time.
+const FIRST_INNER_TOLERANCE: f64 = 1e-2;
+/// Later, the stationarity is reduced to this share of the constraint residual.
+const INNER_SHARE: f64 = 0.3;
+/// A multiplier update that leaves more than this share of the residual calls for larger penalties.
+const RESIDUAL_CONTRACTION: f64 = 0.25;
+/// With all penalties at their maximum, an update that leaves more than this share is hopeless.
+const HOPELESS_CONTRACTION: f64 = 0.9;
 
 /// Solves one [`Problem`]; everything is allocated at construction, so [`Solver::solve`] can be repeated cheaply.
 #[derive(Debug)]
 pub struct Solver<'a, D: Dynamics + ?Sized> {
-    problem: &'a Problem,
-    dynamics: &'a D,
+    pub(super) problem: &'a Problem,
+    pub(super) dynamics: &'a D,
+    pub(super) shape: Shape,
+    /// State at knot 0: the problem's, unless replaced.
+    pub(super) start: Vec<f64>,
+    pub(super) constraints: AugmentedLagrangian,
+    pub(super) trajectory: Trajectory,
+    pub(super) candidate: Trajectory,
+    pub(super) expansion: Expansion,
+    pub(super) adjoint: Adjoint,
+    pub(super) policy: Policy,
+    pub(super) progress: Progress,
+    pub(super) solution: Solution,
     options: Options,
-    shape: Shape,
-    constraints: AugmentedLagrangian,
-    trajectory: Trajectory,
-    candidate: Trajectory,
-    expansion: Expansion,
-    adjoint: Adjoint,
-    policy: Policy,
-    progress: Progress,
-    solution: Solution,
 }
 
 /// What the solve loop knows about where it is.
 #[derive(Debug, Clone)]
-struct Progress {
+pub(super) struct Progress {
     /// J plus multiplier terms of `trajectory`.
-    merit: f64,
-    cost: f64,
-    stationarity: f64,
+    pub merit: f64,
+    /// J.
+    pub cost: f64,
+    pub stationarity: f64,
     /// Stationarity at which the multipliers are updated.
     inner_tolerance: f64,
     /// Constraint residual at the last multiplier update.
-    previous_residual: f64,
+    last_residual: f64,
     convexification: Convexification,
     /// Whether the last factorization may serve again.
     reusable: bool,
-    iterations: usize,
-    factorizations: usize,
+    pub iterations: usize,
+    pub factorizations: usize,
 }
 
 impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
@@ -59,6 +76,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             dynamics,
             options,
             shape,
+            start: problem.start.clone(),
             constraints: AugmentedLagrangian::new(problem),
             trajectory: Trajectory::new(shape),
             candidate: Trajectory::new(shape),
@@ -72,15 +90,16 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     /// Solves from the problem's command guess.
     pub fn solve(&mut self) -> &Solution {
-        let started = Instant::now();
-        self.constraints.reset(self.options.penalty_initial);
-        self.progress = Progress::new();
-        let status = match self.start_from_guess() {
-            Ok(()) => self.iterate(started),
-            Err(knot) => Status::GuessDiverges { knot },
-        };
-        self.report(status);
-        &self.solution
+        self.run(Start::Guess)
+    }
+
+    /// Solves from elsewhere: a warm start.
+    ///
+    /// # Errors
+    /// Arrays of the wrong length, or not finite.
+    pub fn solve_from(&mut self, start: Start<'_>) -> Result<&Solution, ProblemError> {
+        start.validate(self.shape.knots, self.shape.state, self.shape.command)?;
+        Ok(self.run(start))
     }
 
     /// The result of the last solve.
@@ -88,57 +107,38 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         &self.solution
     }
 
+    fn run(&mut self, start: Start<'_>) -> &Solution {
+        let started = Instant::now();
+        self.progress = Progress::new();
+        if !matches!(start, Start::Previous) {
+            self.constraints.reset(self.options.penalty_initial);
+        }
+        let status = match self.initialize(start) {
+            Ok(()) => self.iterate(started),
+            Err(knot) => Status::GuessDiverges { knot },
+        };
+        self.report(status);
+        &self.solution
+    }
+
     fn iterate(&mut self, started: Instant) -> Status {
         self.expand();
         loop {
-            if std::env::var("TRACE").is_ok() {
-                eprintln!(
-                    "{:4} {:4} merit {:.9} J {:.9} stat {:.2e} res {:.2e} inner {:.1e} {:?} reuse {}",
-                    self.progress.iterations,
-                    self.progress.factorizations,
-                    self.progress.merit,
-                    self.progress.cost,
-                    self.progress.stationarity,
-                    self.residual(),
-                    self.progress.inner_tolerance,
-                    self.progress.convexification,
-                    self.progress.reusable
-                );
-            }
             if self.progress.stationarity <= self.progress.inner_tolerance {
-                if let Some(status) = self.update_multipliers() {
-                    return status;
+                match self.update_multipliers() {
+                    Some(status) => return status,
+                    None => continue,
                 }
-                continue;
             }
             if let Some(status) = self.out_of_budget(started) {
                 return status;
             }
-            if !self.improve() {
-                return Status::Stalled;
-            }
             let before = self.progress.stationarity;
+            if !self.improve() {
+                return self.stalled();
+            }
             self.expand();
             self.progress.reusable &= self.progress.stationarity <= REUSE_CONTRACTION * before;
-        }
-    }
-
-    fn start_from_guess(&mut self) -> Result<(), usize> {
-        let m = self.shape.command;
-        self.trajectory.state_mut(0).copy_from_slice(&self.problem.start);
-        for knot in 0..self.shape.steps() {
-            for j in 0..m {
-                let guess = self.problem.command_guess[knot * m + j];
-                self.trajectory.command_mut(knot)[j] =
-                    guess.clamp(self.problem.command_lower[j], self.problem.command_upper[j]);
-            }
-        }
-        rollout::rollout(self.dynamics, &mut self.trajectory)?;
-        self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
-        if self.progress.merit.is_finite() {
-            Ok(())
-        } else {
-            Err(self.shape.steps())
         }
     }
 
@@ -152,34 +152,33 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
     }
 
-    fn residual(&self) -> f64 {
-        self.constraints
-            .max_residual(|knot, index| self.trajectory.state(knot)[index])
-    }
-
-    /// `y ← ŷ`, larger penalties if that does not help enough; a status if the problem is solved or hopeless.
+    /// `y ← ŷ`, and larger penalties if that does not help enough; a status if the problem is solved or hopeless.
     fn update_multipliers(&mut self) -> Option<Status> {
-        let residual = self.residual();
-        let converged = residual <= self.options.violation_tolerance;
-        if converged && self.progress.stationarity <= self.options.stationarity_tolerance {
-            self.constraints
-                .update_multipliers(|knot, index| self.trajectory.state(knot)[index]);
-            return Some(Status::Converged);
-        }
+        let residual = self
+            .constraints
+            .max_residual(|knot, index| self.trajectory.state(knot)[index]);
         self.constraints
             .update_multipliers(|knot, index| self.trajectory.state(knot)[index]);
-        if residual > 0.25 * self.progress.previous_residual {
+        let Options {
+            stationarity_tolerance,
+            violation_tolerance,
+            ..
+        } = self.options;
+        if residual <= violation_tolerance && self.progress.stationarity <= stationarity_tolerance {
+            return Some(Status::Converged);
+        }
+        if residual > RESIDUAL_CONTRACTION * self.progress.last_residual {
             let grown = self
                 .constraints
                 .grow_penalties(self.options.penalty_growth, self.options.penalty_max);
-            self.progress.reusable = false;
-            if !grown && residual > 0.9 * self.progress.previous_residual {
+            self.progress.reusable &= !grown;
+            if !grown && residual > HOPELESS_CONTRACTION * self.progress.last_residual {
                 return Some(Status::ProbablyInfeasible);
             }
         }
-        self.progress.previous_residual = residual;
-        self.progress.inner_tolerance = (INNER_SHARE * residual)
-            .clamp(self.options.stationarity_tolerance, self.progress.inner_tolerance);
+        self.progress.last_residual = residual;
+        let wanted = (INNER_SHARE * residual).min(self.progress.inner_tolerance);
+        self.progress.inner_tolerance = wanted.max(stationarity_tolerance);
         self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
         self.expand();
         None
@@ -196,14 +195,14 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
     }
 
     /// One step that decreases the merit: with the old factorization if it serves, else with a new one, the less
-    /// trusting of curvature and the more damped the longer none is found.
+    /// trusting of curvature and the more damped the longer none is found. False if there is none.
     fn improve(&mut self) -> bool {
         self.progress.iterations += 1;
         if self.progress.reusable && self.reuse_factorization() && self.search() {
             return true;
         }
         self.progress.convexification.curvature = true;
-        while self.progress.convexification.damping <= MAX_DAMPING {
+        while self.progress.convexification.damping <= Convexification::MAX_DAMPING {
             if self.factorize() && self.search() {
                 self.progress.convexification.relax();
                 return true;
@@ -221,109 +220,54 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 
     fn factorize(&mut self) -> bool {
         self.progress.factorizations += 1;
-        let outcome = self.policy.factorize(
-            self.problem,
-            self.dynamics,
-            &self.trajectory,
-            &self.expansion,
-            &self.adjoint,
-            self.progress.convexification,
-        );
-        !matches!(outcome, Err(SweepFailure::NotPositiveDefinite))
+        let convexification = self.progress.convexification;
+        let (trajectory, expansion, adjoint) = (&self.trajectory, &self.expansion, &self.adjoint);
+        self.policy
+            .factorize(
+                self.problem,
+                self.dynamics,
+                trajectory,
+                expansion,
+                adjoint,
+                convexification,
+            )
+            .is_ok()
     }
 
+    /// Moves along the policy as far as the merit decreases.
     fn search(&mut self) -> bool {
-        let found = forward::line_search(
-            self.problem,
-            self.dynamics,
-            &self.constraints,
-            &self.policy,
-            &self.trajectory,
-            self.progress.merit,
-            &mut self.candidate,
-        );
+        let pass = ForwardPass {
+            problem: self.problem,
+            dynamics: self.dynamics,
+            constraints: &self.constraints,
+            policy: &self.policy,
+            old: &self.trajectory,
+        };
+        let found = pass.line_search(self.progress.merit, &mut self.candidate);
         let Some(Accepted { merit, step_length }) = found else {
-            self.progress.reusable = false;
             return false;
         };
         std::mem::swap(&mut self.trajectory, &mut self.candidate);
         self.progress.merit = merit;
+        self.progress.reusable = step_length == 1.0;
         if step_length < 1.0 {
             // The line search linearizes along the full step only.
             self.trajectory.linearize(self.dynamics);
         }
-        self.progress.reusable = step_length == 1.0;
         true
     }
 
-    fn report(&mut self, status: Status) {
-        let Shape {
-            knots,
-            state: n,
-            command: m,
-            ..
-        } = self.shape;
-        let solution = &mut self.solution;
-        solution.status = status;
-        solution.iterations = self.progress.iterations;
-        solution.factorizations = self.progress.factorizations;
-        solution.cost = rollout::cost(self.problem, &self.trajectory);
-        solution.stationarity = self.progress.stationarity;
-        solution.max_violation = self
+    /// No step decreases the merit any more: at the limit of floating point, which large penalties reach early.
+    fn stalled(&self) -> Status {
+        let violation = self
             .constraints
             .max_violation(|knot, index| self.trajectory.state(knot)[index]);
-        self.constraints.report(
-            |knot, index| self.trajectory.state(knot)[index],
-            &mut solution.multipliers,
-        );
-        for knot in 0..knots {
-            solution.states[knot * n..][..n].copy_from_slice(self.trajectory.state(knot));
-        }
-        for knot in 0..knots - 1 {
-            let command = self.trajectory.command(knot);
-            solution.commands[knot * m..][..m].copy_from_slice(command);
-            for j in 0..m {
-                let row = (knot * m + j) * n;
-                solution.gains[row..row + n]
-                    .copy_from_slice(&self.policy.gain(knot)[j * self.shape.stride..][..n]);
-                let on_bound = command[j] <= self.problem.command_lower[j]
-                    || command[j] >= self.problem.command_upper[j];
-                solution.command_multipliers[knot * m + j] = if on_bound {
-                    -self.adjoint.gradient(knot)[j]
-                } else {
-                    0.0
-                };
-            }
-        }
-    }
-}
-
-/// A factorization serves again if the last step reduced the stationarity at least to this share.
-const REUSE_CONTRACTION: f64 = 0.1;
-/// Between multiplier updates the stationarity is reduced to this share of the constraint residual.
-const INNER_SHARE: f64 = 0.1;
-/// Damping beyond which the solve has stalled.
-const MAX_DAMPING: f64 = 1e8;
-/// Smallest damping other than none.
-const MIN_DAMPING: f64 = 1e-3;
-
-impl Convexification {
-    /// After a failure: first without curvature, then with ever more damping.
-    fn tighten(&mut self) {
-        if self.curvature {
-            self.curvature = false;
+        let large_penalties = self.constraints.max_penalty() >= self.options.penalty_max;
+        if violation > self.options.violation_tolerance && large_penalties {
+            Status::ProbablyInfeasible
         } else {
-            self.damping = (10.0 * self.damping).max(MIN_DAMPING);
+            Status::Stalled
         }
-    }
-
-    /// After a success.
-    fn relax(&mut self) {
-        self.damping = if self.damping <= MIN_DAMPING {
-            0.0
-        } else {
-            0.1 * self.damping
-        };
     }
 }
 
@@ -333,12 +277,9 @@ impl Progress {
             merit: f64::INFINITY,
             cost: f64::INFINITY,
             stationarity: f64::INFINITY,
-            inner_tolerance: 1e-2,
-            previous_residual: f64::INFINITY,
-            convexification: Convexification {
-                curvature: true,
-                damping: 0.0,
-            },
+            inner_tolerance: FIRST_INNER_TOLERANCE,
+            last_residual: f64::INFINITY,
+            convexification: Convexification::NEWTON,
             reusable: false,
             iterations: 0,
             factorizations: 0,

@@ -35,6 +35,11 @@ impl Adjoint {
         &self.values[knot * self.shape.stride + self.shape.state..][..self.shape.command]
     }
 
+    /// All zero: no gradient to follow.
+    pub fn clear(&mut self) {
+        self.values.fill(0.0);
+    }
+
     /// One sweep from the last knot to the first.
     pub fn sweep(&mut self, trajectory: &Trajectory, expansion: &Expansion) {
         let Shape { state, stride, .. } = self.shape;

@@ -26,6 +26,41 @@ pub struct Convexification {
     pub damping: f64,
 }
 
+impl Convexification {
+    /// Newton's method.
+    pub const NEWTON: Self = Self {
+        curvature: true,
+        damping: 0.0,
+    };
+    /// Gauss and Newton's: convex for convex costs.
+    pub const GAUSS_NEWTON: Self = Self {
+        curvature: false,
+        damping: 0.0,
+    };
+    /// Damping beyond which steps are too short to matter.
+    pub const MAX_DAMPING: f64 = 1e8;
+    /// Smallest damping other than none.
+    const MIN_DAMPING: f64 = 1e-3;
+
+    /// After a failure: first without curvature, then with ever more damping.
+    pub fn tighten(&mut self) {
+        if self.curvature {
+            self.curvature = false;
+        } else {
+            self.damping = (10.0 * self.damping).max(Self::MIN_DAMPING);
+        }
+    }
+
+    /// After a success.
+    pub fn relax(&mut self) {
+        self.damping = if self.damping <= Self::MIN_DAMPING {
+            0.0
+        } else {
+            0.1 * self.damping
+        };
+    }
+}
+
 /// Why a factorization cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SweepFailure {

@@ -13,42 +13,14 @@ const MAX_HALVINGS: i32 = 10;
 /// Relative rounding error of the merit: predicted changes below it cannot be judged.
 const MERIT_NOISE: f64 = 1e-13;
 
-/// Rolls `u = clamp(u_old + α d + K (z − z_old))` out and returns its merit, infinite if it leaves the finite numbers.
-pub fn closed_loop<D: Dynamics + ?Sized>(
-    problem: &Problem,
-    dynamics: &D,
-    constraints: &AugmentedLagrangian,
-    policy: &Policy,
-    old: &Trajectory,
-    step_length: f64,
-    linearize: bool,
-    new: &mut Trajectory,
-) -> f64 {
-    let shape = old.shape;
-    new.state_mut(0).copy_from_slice(old.state(0));
-    let mut merit = rollout::state_cost(problem, 0, old.state(0));
-    for knot in 0..shape.steps() {
-        for j in 0..shape.command {
-            let gain = &policy.gain(knot)[j * shape.stride..][..shape.state];
-            let feedback: f64 = gain
-                .iter()
-                .zip(new.state(knot))
-                .zip(old.state(knot))
-                .map(|((k, new), old)| k * (new - old))
-                .sum();
-            let command = old.command(knot)[j] + step_length * policy.step(knot)[j] + feedback;
-            new.command_mut(knot)[j] = command.clamp(problem.command_lower[j], problem.command_upper[j]);
-        }
-        new.advance(dynamics, knot, linearize);
-        let state = new.state(knot + 1);
-        merit += rollout::command_cost(problem, knot, new.command(knot))
-            + rollout::state_cost(problem, knot + 1, state)
-            + rollout::constraint_cost(constraints, knot + 1, state);
-        if !merit.is_finite() {
-            return f64::INFINITY;
-        }
-    }
-    merit
+/// What a forward pass follows.
+pub struct ForwardPass<'a, D: Dynamics + ?Sized> {
+    pub problem: &'a Problem,
+    pub dynamics: &'a D,
+    pub constraints: &'a AugmentedLagrangian,
+    pub policy: &'a Policy,
+    /// The trajectory that the policy belongs to.
+    pub old: &'a Trajectory,
 }
 
 /// A step that was taken.
@@ -58,33 +30,49 @@ pub struct Accepted {
     pub step_length: f64,
 }
 
-/// Halves the step until the merit decreases enough; `new` then holds the trajectory. `None` if no length serves.
-pub fn line_search<D: Dynamics + ?Sized>(
-    problem: &Problem,
-    dynamics: &D,
-    constraints: &AugmentedLagrangian,
-    policy: &Policy,
-    old: &Trajectory,
-    old_merit: f64,
-    new: &mut Trajectory,
-) -> Option<Accepted> {
-    let noise = MERIT_NOISE * (1.0 + old_merit.abs());
-    for halvings in 0..=MAX_HALVINGS {
-        let step_length = 0.5_f64.powi(halvings);
-        let merit = closed_loop(
-            problem,
-            dynamics,
-            constraints,
-            policy,
-            old,
-            step_length,
-            halvings == 0,
-            new,
-        );
-        let predicted = step_length * (policy.slope + step_length * policy.quadratic);
-        if merit - old_merit <= SUFFICIENT_DECREASE * predicted + noise {
-            return Some(Accepted { merit, step_length });
+impl<D: Dynamics + ?Sized> ForwardPass<'_, D> {
+    /// Rolls `u = clamp(u_old + α d + K (z − z_old))` out from the first state of `new` and returns its merit, infinite
+    /// if it leaves the finite numbers.
+    pub fn closed_loop(&self, step_length: f64, linearize: bool, new: &mut Trajectory) -> f64 {
+        let (problem, old, shape) = (self.problem, self.old, self.old.shape);
+        let mut merit = rollout::state_cost(problem, 0, new.state(0));
+        for knot in 0..shape.steps() {
+            for j in 0..shape.command {
+                let gain = &self.policy.gain(knot)[j * shape.stride..][..shape.state];
+                let states = new.state(knot).iter().zip(old.state(knot));
+                let feedback: f64 = gain
+                    .iter()
+                    .zip(states)
+                    .map(|(k, (new, old))| k * (new - old))
+                    .sum();
+                let command = old.command(knot)[j] + step_length * self.policy.step(knot)[j] + feedback;
+                new.command_mut(knot)[j] = command.clamp(problem.command_lower[j], problem.command_upper[j]);
+            }
+            new.advance(self.dynamics, knot, linearize);
+            let state = new.state(knot + 1);
+            merit += rollout::command_cost(problem, knot, new.command(knot))
+                + rollout::state_cost(problem, knot + 1, state)
+                + rollout::constraint_cost(self.constraints, knot + 1, state);
+            if !merit.is_finite() {
+                return f64::INFINITY;
+            }
         }
+        merit
     }
-    None
+
+    /// Halves the step until the merit decreases enough; `new` then holds the trajectory, linearized if the step is a
+    /// full one. `None` if no length serves.
+    pub fn line_search(&self, old_merit: f64, new: &mut Trajectory) -> Option<Accepted> {
+        new.state_mut(0).copy_from_slice(self.old.state(0));
+        let noise = MERIT_NOISE * (1.0 + old_merit.abs());
+        for halvings in 0..=MAX_HALVINGS {
+            let step_length = 0.5_f64.powi(halvings);
+            let merit = self.closed_loop(step_length, halvings == 0, new);
+            let predicted = step_length * (self.policy.slope + step_length * self.policy.quadratic);
+            if merit - old_merit <= SUFFICIENT_DECREASE * predicted + noise {
+                return Some(Accepted { merit, step_length });
+            }
+        }
+        None
+    }
 }

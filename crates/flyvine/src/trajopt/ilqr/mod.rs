@@ -117,19 +117,39 @@ impl Trajectory {
         shifted_part.copy_from_slice(&state[..n - fresh]);
         if linearize {
             dynamics.linearize(knot, state, command, fresh_part, &mut self.compact);
-            let rows = self.jacobians[knot * fresh * stride..][..fresh * stride].chunks_exact_mut(stride);
-            for (row, compact) in rows.zip(self.compact.chunks_exact(n + m)) {
-                row[..n + m].copy_from_slice(compact);
-            }
+            let jacobian = &mut self.jacobians[knot * fresh * stride..][..fresh * stride];
+            spread_rows(&self.compact, n + m, stride, jacobian);
         } else {
             dynamics.step(knot, state, command, fresh_part);
         }
     }
 
-    /// `C_k` at every knot.
+    /// `C_k` at every knot, for the states as they are.
     pub fn linearize<D: Dynamics + ?Sized>(&mut self, dynamics: &D) {
-        for knot in 0..self.shape.steps() {
-            self.advance(dynamics, knot, true);
+        let Shape {
+            state: n,
+            command: m,
+            fresh,
+            stride,
+            ..
+        } = self.shape;
+        let points = self.points.chunks_exact(stride);
+        for (knot, (jacobian, point)) in self
+            .jacobians
+            .chunks_exact_mut(fresh * stride)
+            .zip(points)
+            .enumerate()
+        {
+            let (state, command) = point[..n + m].split_at(n);
+            dynamics.jacobian(knot, state, command, &mut self.compact);
+            spread_rows(&self.compact, n + m, stride, jacobian);
         }
+    }
+}
+
+/// Copies rows of `len` to rows of `stride`.
+fn spread_rows(compact: &[f64], len: usize, stride: usize, rows: &mut [f64]) {
+    for (row, compact) in rows.chunks_exact_mut(stride).zip(compact.chunks_exact(len)) {
+        row[..len].copy_from_slice(compact);
     }
 }
