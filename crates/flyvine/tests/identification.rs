@@ -3,7 +3,11 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
 
 use flyvine::flight::{Flight, HygieneOptions, Mapping, clean, read_flight};
-use flyvine::model::{CheckReport, Finding, FitOptions, Ridge, Structure, check, fit_bank};
+use flyvine::model::{
+    CheckReport, Finding, FitOptions, LagModel, Refinement, Ridge, Structure, check, fit_bank,
+    spectral_radius,
+};
+use flyvine::trajopt::Dynamics;
 use std::path::{Path, PathBuf};
 
 /// Folder of the shared data, or `None` (said on stderr) where it is absent and not required.
@@ -106,6 +110,7 @@ fn the_papers_structure_plain_is_the_papers_result() {
     let plain = FitOptions {
         height_ridge: Ridge::Value(0.0),
         linear_ridge: Ridge::Value(0.0),
+        refinement: Refinement::Off,
         ..FitOptions::default()
     };
     let (bank, _) = fit_bank(&train, &plain).unwrap();
@@ -161,4 +166,32 @@ fn a_slung_load_needs_more_than_plain_least_squares_and_gets_it() {
     medians.sort_by(f64::total_cmp);
     // Plain least squares: 217 cm at 2 s; nothing moves: 66 cm.
     assert!(medians[2] <= 0.07, "{medians:?}");
+}
+
+#[test]
+fn the_first_authors_five_lag_models_are_read_and_rolled_out() {
+    let Some(folder) = shared_data().map(|data| data.join("author")) else {
+        return;
+    };
+    // Tip minus quadrotor height where the command rests at 1.5 m, m: (I − A)⁻¹ B u by numpy.linalg.solve.
+    let rest_offsets = [-0.783130, -1.024865, -0.940861, -0.854646, -0.676909];
+    for (file, rest_offset) in (1..).zip(rest_offsets) {
+        let model = LagModel::read_matrix(&folder.join(format!("AB{file}.csv"))).unwrap();
+        assert_eq!((model.lags(), model.state_len()), (5, 45));
+        let command = [0.0, 0.0, 1.5];
+        let radius = spectral_radius(&model, &[0.0; 45], &command).unwrap();
+        assert!((0.9865..0.9905).contains(&radius), "AB{file}: {radius}");
+        let mut state = vec![0.0; 45];
+        let mut fresh = [0.0; 9];
+        for step in 0..2000 {
+            model.step(step, &state, &command, &mut fresh);
+            state.copy_within(..36, 9);
+            state[..9].copy_from_slice(&fresh);
+        }
+        assert!(
+            (fresh[8] - fresh[2] - rest_offset).abs() < 1e-5,
+            "AB{file}: {}",
+            fresh[8] - fresh[2]
+        );
+    }
 }

@@ -5,6 +5,7 @@ use super::features::{Coordinates, quadratic_len, quadratic_terms};
 use super::lag::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN};
 use super::least_squares::{Gram, Penalty, TriangularFactor};
 use super::options::Structure;
+use super::refine::Stretch;
 use super::track::Track;
 use crate::flight::Configuration;
 use faer::Mat;
@@ -113,6 +114,13 @@ impl Corner {
         indices.into_iter().map(|index| &tracks[index]).collect()
     }
 
+    /// Whether there are flights enough to hold whole ones out.
+    pub fn holds_out_whole_flights(&self) -> bool {
+        let mut tracks: Vec<usize> = self.blocks.iter().map(|block| block.track).collect();
+        tracks.dedup();
+        tracks.len() >= WHOLE_FLIGHTS
+    }
+
     /// Rows fitted.
     pub fn rows(&self) -> usize {
         self.factors.linear.rows
@@ -137,19 +145,31 @@ impl Corner {
         self.shape.model(&self.grams, ridges, &Gram::solve)
     }
 
-    /// The model fitted on all blocks but one, for trials.
-    pub fn model_without(&self, block: usize, ridges: Ridges) -> Result<LagModel, ModelError> {
-        let left_out = &self.blocks[block].grams;
-        let grams = Factors {
-            linear: self.grams.linear.without(&left_out.linear),
-            height: self
-                .grams
-                .height
-                .as_ref()
-                .zip(left_out.height.as_ref())
-                .map(|(all, out)| all.without(out)),
+    /// The model fitted on all blocks but those held out, for trials.
+    pub fn model_without(&self, held_out: &[usize], ridges: Ridges) -> Result<LagModel, ModelError> {
+        let mut grams = Factors {
+            linear: self.grams.linear.clone(),
+            height: self.grams.height.clone(),
         };
+        for &block in held_out {
+            let left_out = &self.blocks[block].grams;
+            grams.linear = grams.linear.without(&left_out.linear);
+            grams.height = grams
+                .height
+                .zip(left_out.height.as_ref())
+                .map(|(all, out)| all.without(out));
+        }
         self.shape.model(&grams, ridges, &Gram::solve)
+    }
+
+    /// Rows of the blocks that `keep` says, to roll out on.
+    pub fn stretches<'a, 'b>(&self, tracks: &'b [Track<'a>], keep: impl Fn(usize) -> bool) -> Vec<Stretch<'b>>
+    where
+        'a: 'b,
+    {
+        let kept = self.blocks.iter().enumerate().filter(|(index, _)| keep(*index));
+        kept.map(|(_, block)| (&tracks[block.track], block.rows.clone()))
+            .collect()
     }
 
     /// Condition numbers of the equilibrated regressors: of the height row, if it is quadratic, and of the

@@ -99,6 +99,20 @@ pub enum ModelError {
         /// Coefficients to determine.
         coefficients: usize,
     },
+    /// A regression has no degree of freedom left.
+    #[error("{observations} observations for {coefficients} coefficients, expected more observations")]
+    TooFewObservations {
+        /// Observations given.
+        observations: usize,
+        /// Coefficients to determine.
+        coefficients: usize,
+    },
+    /// A regressor is a combination of others.
+    #[error("regressor {name} depends on those before it: its coefficient is not determined")]
+    DependentRegressor {
+        /// Name of the regressor.
+        name: String,
+    },
     /// Two flights are the same recording.
     #[error("flights {first} and {second} hold the same samples: one recording was given twice")]
     DuplicateFlight {

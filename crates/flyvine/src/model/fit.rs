@@ -6,10 +6,11 @@ use super::bank::{
 use super::corner::{Corner, Ridges, Shape};
 use super::error::{ModelError, display};
 use super::family::Model;
-use super::lag::CommandInputs;
+use super::lag::{CommandInputs, LagModel};
 use super::one_step::one_step_rmse;
-use super::options::{FitOptions, Ridge, Structure, VelocityInput};
-use super::selection::{Candidate, CrossValidation, HeldOutError, best};
+use super::options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
+use super::refine::refine;
+use super::selection::{Candidate, CrossValidation, HeldOutError, RefinementTrial, best, safest};
 use super::track::{Track, constant_configuration};
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
@@ -18,7 +19,7 @@ use serde::Serialize;
 /// Ridge strengths tried on the linear rows.
 const LINEAR_RIDGES: [f64; 6] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2];
 /// Ridge strengths tried on the quadratic height row.
-const HEIGHT_RIDGES: [f64; 6] = [0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0];
+const HEIGHT_RIDGES: [f64; 8] = [0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0];
 
 /// A spectral radius at rest above this is unstable: a predicted height that keeps its value has exactly 1, and
 /// noise moves it a little either way.
@@ -33,6 +34,8 @@ pub struct FitReport {
     pub chosen: Candidate,
     /// Everything that was tried, in order; the first is the paper's plain least squares.
     pub candidates: Vec<Candidate>,
+    /// What multi-step refinement was worth; `None` if that was not tried.
+    pub refinement: Option<RefinementTrial>,
     /// The error of predicting that nothing moves, on the corners' held-out windows.
     pub standing_still: Option<HeldOutError>,
     /// Names of the flights used for cross-checking only (interior or deploying).
@@ -136,19 +139,17 @@ pub fn fit_bank(flights: &[Flight], options: &FitOptions) -> Result<(Bank, FitRe
         .iter()
         .flat_map(|attempt| attempt.candidates.clone())
         .collect();
-    let chosen: Vec<Candidate> = attempts
-        .iter()
-        .map(|attempt| attempt.candidates[attempt.chosen].clone())
-        .collect();
+    let chosen: Vec<Candidate> = attempts.iter().map(|attempt| attempt.chosen.clone()).collect();
     let attempt = attempts
         .into_iter()
         .nth(best(&chosen))
         .expect("an index into the attempts");
     let report = FitReport {
         findings: findings(&attempt, &candidates[0]),
-        chosen: attempt.candidates[attempt.chosen].clone(),
+        chosen: attempt.chosen.clone(),
         candidates,
         standing_still: attempt.standing_still,
+        refinement: attempt.refinement,
         cross_checked: groups
             .interior
             .iter()
@@ -161,8 +162,8 @@ pub fn fit_bank(flights: &[Flight], options: &FitOptions) -> Result<(Bank, FitRe
 /// The outcome of one choice of inputs.
 struct Attempt {
     candidates: Vec<Candidate>,
-    /// Index of the best candidate.
-    chosen: usize,
+    chosen: Candidate,
+    refinement: Option<RefinementTrial>,
     standing_still: Option<HeldOutError>,
     bank: Bank,
 }
@@ -194,14 +195,51 @@ fn attempt(
         inputs,
     };
     let candidates = scan(&validation, options)?;
-    let chosen = best(&candidates);
-    let bank = assemble(&validation, &candidates[chosen], options)?;
+    let mut chosen = candidates[safest(&candidates)].clone();
+    let ridges = Ridges {
+        linear: chosen.linear_ridge,
+        height: chosen.height_ridge,
+    };
+    let mut models = corners
+        .par_iter()
+        .map(|corner| corner.model(ridges))
+        .collect::<Result<Vec<LagModel>, _>>()?;
+    let mut refinement = None;
+    let try_it = match options.refinement {
+        Refinement::Off => false,
+        Refinement::On => true,
+        // Segments of the flights that were fitted say too little about other flights.
+        Refinement::Auto => corners.iter().all(Corner::holds_out_whole_flights),
+    };
+    if try_it && let Some(refined) = refined(&validation, &models) {
+        if options.refinement == Refinement::Auto {
+            refinement = validation.try_refinement(ridges, &models, &refined)?;
+        }
+        chosen.refined = refinement.is_none_or(|trial| trial.worthwhile());
+        if chosen.refined {
+            models = refined;
+        }
+    }
+    let bank = assemble(&validation, models, &chosen, options)?;
     Ok(Attempt {
         chosen,
         standing_still: validation.standing_still(),
         bank,
         candidates,
+        refinement,
     })
+}
+
+/// The corners' models refined; `None` if a corner has no window for it, or would become unstable.
+fn refined(validation: &CrossValidation, models: &[LagModel]) -> Option<Vec<LagModel>> {
+    let refined = |(corner, model): (&Corner, &LagModel)| {
+        let refined = refine(model, &corner.stretches(validation.tracks, |_| true))?;
+        let radius = Model::Lag(refined.clone())
+            .spectral_radius(corner.configuration)
+            .ok()?;
+        (radius <= UNSTABLE).then_some(refined)
+    };
+    validation.corners.par_iter().zip(models).map(refined).collect()
 }
 
 /// Tries ridge strengths one axis after the other: first the linear rows, with the height row as plain as the
@@ -227,7 +265,7 @@ fn scan(validation: &CrossValidation, options: &FitOptions) -> Result<Vec<Candid
     let linear_ridge = if linear.len() == 1 {
         linear[0]
     } else {
-        rows_only().map(|tried| tried[best(&tried)].linear_ridge)?
+        rows_only().map(|tried| tried[safest(&tried)].linear_ridge)?
     };
     for &ridge in &height {
         if linear_ridge != linear[0] || ridge != height[0] {
@@ -237,18 +275,15 @@ fn scan(validation: &CrossValidation, options: &FitOptions) -> Result<Vec<Candid
     Ok(candidates)
 }
 
-/// Fits the chosen candidate on all rows.
+/// Puts the models of the corners into a bank, with what is to be said about them.
 fn assemble(
     validation: &CrossValidation,
+    models: Vec<LagModel>,
     chosen: &Candidate,
     options: &FitOptions,
 ) -> Result<Bank, ModelError> {
-    let ridges = Ridges {
-        linear: chosen.linear_ridge,
-        height: chosen.height_ridge,
-    };
-    let fit = |corner: &Corner| {
-        let (configuration, model) = (corner.configuration, Model::Lag(corner.model(ridges)?));
+    let entry = |(corner, model): (&Corner, LagModel)| {
+        let (configuration, model) = (corner.configuration, Model::Lag(model));
         let members = corner.members(validation.tracks);
         let (height_condition, linear_condition_number) = corner.condition_numbers()?;
         let diagnostics = ModelDiagnostics {
@@ -269,7 +304,8 @@ fn assemble(
     let models = validation
         .corners
         .par_iter()
-        .map(fit)
+        .zip(models)
+        .map(entry)
         .collect::<Result<_, ModelError>>()?;
     let provenance = BankProvenance {
         tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
@@ -283,11 +319,7 @@ fn assemble(
 /// What the scan and the chosen bank give cause to say.
 fn findings(attempt: &Attempt, plain: &Candidate) -> Vec<Finding> {
     let mut findings = Vec::new();
-    match (
-        &plain.corners,
-        &attempt.candidates[attempt.chosen].corners,
-        attempt.standing_still,
-    ) {
+    match (&plain.corners, &attempt.chosen.corners, attempt.standing_still) {
         (Some(plain), Some(chosen), Some(standing_still)) => {
             if unusable(plain, &standing_still) {
                 findings.push(Finding::PlainLeastSquaresUnusable {
@@ -399,7 +431,7 @@ pub(crate) fn refuse_duplicates(flights: &[Flight]) -> Result<(), ModelError> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lag::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN};
+    use super::super::lag::{HEIGHT_ROW, QuadraticTerms, STATE_LEN};
     use super::super::rollout::advance;
     use super::*;
     use crate::flight::{Pose, Sample};
@@ -506,6 +538,7 @@ mod tests {
         FitOptions {
             height_ridge: Ridge::Value(0.0),
             linear_ridge: Ridge::Value(0.0),
+            refinement: Refinement::Off,
             ..FitOptions::default()
         }
     }

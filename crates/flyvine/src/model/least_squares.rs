@@ -41,6 +41,7 @@ pub(crate) struct TriangularFactor {
 }
 
 /// `[X | Y]ᵀ [X | Y]`.
+#[derive(Clone)]
 pub(crate) struct Gram {
     rows: usize,
     regressors: usize,

@@ -10,6 +10,8 @@
 //!   plan can carry it.
 //! - [`LagModel`], [`Model`] and [`ScheduledModel`] are [`crate::trajopt::Dynamics`]; [`rest_state`] is where
 //!   plans start; [`Model::spectral_radius`] says whether predictions run away.
+//! - [`statistics`]: what the regression of each row says about itself.
+//! - [`LagModel::read_matrix`]: linear models published as a matrix.
 //! - [`fit_physical_bank`]: the same with the physical family ([`physical`]).
 //! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
 
@@ -23,14 +25,17 @@ mod features;
 mod fit;
 mod lag;
 mod least_squares;
+mod matrix_file;
 mod one_step;
 mod options;
 pub mod physical;
 mod physical_bank;
+mod refine;
 mod rollout;
 mod schedule;
 mod selection;
 mod stability;
+pub mod statistics;
 mod track;
 
 pub use bank::{
@@ -43,9 +48,9 @@ pub use error::ModelError;
 pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
-pub use options::{FitOptions, Ridge, Structure, VelocityInput};
+pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 pub use physical_bank::fit_physical_bank;
 pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
-pub use selection::{Candidate, HeldOutError};
+pub use selection::{Candidate, HeldOutError, RefinementTrial};
 pub use stability::spectral_radius;

@@ -40,6 +40,19 @@ pub enum VelocityInput {
     On,
 }
 
+/// Whether models are refined on multi-step simulation error after one-step least squares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Refinement {
+    /// Where it predicts flights that it was not fitted on better (three flights per configuration, or more).
+    #[default]
+    Auto,
+    /// No: plain one-step least squares, as in the paper.
+    Off,
+    /// Yes.
+    On,
+}
+
 /// Options of [`super::fit_bank`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -54,6 +67,8 @@ pub struct FitOptions {
     pub linear_ridge: Ridge,
     /// Commanded velocity as an input.
     pub command_velocity: VelocityInput,
+    /// Refinement on multi-step simulation error.
+    pub refinement: Refinement,
 }
 
 impl Default for FitOptions {
@@ -64,6 +79,7 @@ impl Default for FitOptions {
             height_ridge: Ridge::Auto,
             linear_ridge: Ridge::Auto,
             command_velocity: VelocityInput::Auto,
+            refinement: Refinement::Auto,
         }
     }
 }

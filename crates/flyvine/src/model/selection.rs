@@ -4,7 +4,8 @@ use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use super::corner::{Corner, Ridges};
 use super::error::ModelError;
 use super::family::Model;
-use super::lag::CommandInputs;
+use super::lag::{CommandInputs, LagModel};
+use super::refine::refine;
 use super::rollout::{WindowError, standing_still_errors, window_errors};
 use super::track::Track;
 use rayon::prelude::*;
@@ -12,8 +13,10 @@ use serde::{Deserialize, Serialize};
 
 /// Horizons that a candidate is judged at, in steps: a swing's (2.5 s) and a lemniscate's (10 s).
 const HORIZONS: [usize; 2] = [50, 200];
-/// A window's error counts up to this, m: it has diverged, how far does not matter.
-const ERROR_CAP_M: f64 = 1.0;
+/// A window that has diverged counts as this error, m: how far and how late does not matter.
+const DIVERGED_COUNTS_M: f64 = 1.0;
+/// Scores within this factor of each other are nearly equal.
+const NEARLY: f64 = 1.05;
 /// A candidate must be better by this factor to be preferred to a simpler one.
 const WORTHWHILE: f64 = 0.98;
 
@@ -27,7 +30,9 @@ pub struct Candidate {
     pub linear_ridge: f64,
     /// Ridge strength of the quadratic height row; `None` if that row was linear.
     pub height_ridge: Option<f64>,
-    /// Held-out end-effector rollout error at the corners; `None` if no window fits the flights.
+    /// Whether the models were refined on multi-step simulation error.
+    pub refined: bool,
+    /// Held-out end-effector rollout error of one-step least squares at the corners; `None` if no window fits the flights.
     pub corners: Option<HeldOutError>,
     /// The same on interior and deploying flights, through the interpolation; `None` without such windows.
     pub interior: Option<HeldOutError>,
@@ -37,7 +42,7 @@ pub struct Candidate {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeldOutError {
-    /// Mean over the horizons of the mean window error, each window counted up to 1 m, m.
+    /// Mean over the horizons of the mean window error, m; a window that diverged counts 1 m.
     pub mean_m: f64,
     /// Windows, all horizons together.
     pub windows: usize,
@@ -69,6 +74,19 @@ impl Candidate {
     }
 }
 
+/// Index of the strongest ridge among candidates of ascending strength whose score is near the least: what is
+/// held back more extrapolates more safely.
+pub(crate) fn safest(candidates: &[Candidate]) -> usize {
+    let least = candidates
+        .iter()
+        .map(Candidate::score_m)
+        .fold(f64::INFINITY, f64::min);
+    candidates
+        .iter()
+        .rposition(|candidate| candidate.score_m() <= NEARLY * least)
+        .unwrap_or(0)
+}
+
 /// Index of the candidate with the least score; a later one must be worth it.
 pub(crate) fn best(candidates: &[Candidate]) -> usize {
     let mut best = 0;
@@ -78,6 +96,31 @@ pub(crate) fn best(candidates: &[Candidate]) -> usize {
         }
     }
     best
+}
+
+/// Held-out rollout errors with and without multi-step refinement.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RefinementTrial {
+    /// One-step least squares, on the third of the corners' data that was held out.
+    pub plain_corners: HeldOutError,
+    /// Refined, on the same.
+    pub refined_corners: HeldOutError,
+    /// One-step least squares, on interior and deploying flights; `None` without such windows.
+    pub plain_interior: Option<HeldOutError>,
+    /// Refined, on the same.
+    pub refined_interior: Option<HeldOutError>,
+}
+
+impl RefinementTrial {
+    /// Whether refined models predict better.
+    pub fn worthwhile(&self) -> bool {
+        let score = |corners: HeldOutError, interior: Option<HeldOutError>| {
+            corners.mean_m + interior.map_or(0.0, |error| error.mean_m)
+        };
+        score(self.refined_corners, self.refined_interior)
+            < WORTHWHILE * score(self.plain_corners, self.plain_interior)
+    }
 }
 
 /// The recordings of all corners, ready to try candidates on.
@@ -101,7 +144,7 @@ impl CrossValidation<'_> {
         let held_out = blocks
             .par_iter()
             .map(|(corner, index)| {
-                let (model, block) = (corner.model_without(*index, ridges)?, &corner.blocks[*index]);
+                let (model, block) = (corner.model_without(&[*index], ridges)?, &corner.blocks[*index]);
                 Ok(window_errors(
                     &model,
                     &self.tracks[block.track],
@@ -119,31 +162,87 @@ impl CrossValidation<'_> {
             inputs: self.inputs,
             linear_ridge: ridges.linear,
             height_ridge: ridges.height,
+            refined: false,
             corners: pool(&held_out),
             interior,
         })
     }
 
     fn interior_errors(&self, ridges: Ridges) -> Result<Vec<Vec<Vec<WindowError>>>, ModelError> {
-        let model = |corner: &Corner| {
-            Ok(BankModel {
-                configuration: corner.configuration,
-                model: Model::Lag(corner.model_on_trial(ridges)?),
-                diagnostics: ModelDiagnostics::default(),
-            })
-        };
         let models = self
             .corners
             .par_iter()
-            .map(model)
-            .collect::<Result<_, ModelError>>()?;
-        let bank = Bank::new(models, BankProvenance::default())?;
+            .map(|corner| corner.model_on_trial(ridges));
+        self.interior_errors_of(&models.collect::<Result<Vec<_>, _>>()?)
+    }
+
+    /// Errors on the interior flights of the bank of `models`, one per corner.
+    fn interior_errors_of(&self, models: &[LagModel]) -> Result<Vec<Vec<Vec<WindowError>>>, ModelError> {
+        let models = self.corners.iter().zip(models).map(|(corner, model)| BankModel {
+            configuration: corner.configuration,
+            model: Model::Lag(model.clone()),
+            diagnostics: ModelDiagnostics::default(),
+        });
+        let bank = Bank::new(models.collect(), BankProvenance::default())?;
         let errors = |&index: &usize| {
             let track = &self.tracks[index];
-            let model = bank.scheduled(&track.configurations())?;
+            let named = |source| ModelError::Flight {
+                flight: track.flight.name.clone(),
+                source: Box::new(source),
+            };
+            let model = bank.scheduled(&track.configurations()).map_err(named)?;
             Ok(window_errors(&model, track, 0..track.rows(), &HORIZONS))
         };
         self.interior.par_iter().map(errors).collect()
+    }
+
+    /// Refines models of two thirds of the blocks and predicts the last third with and without; `plain` and
+    /// `refined` are the models of everything, and predict the interior flights. `None` if no window fits.
+    pub fn try_refinement(
+        &self,
+        ridges: Ridges,
+        plain: &[LagModel],
+        refined: &[LagModel],
+    ) -> Result<Option<RefinementTrial>, ModelError> {
+        let pairs = self
+            .corners
+            .par_iter()
+            .map(|corner| {
+                let blocks = corner.blocks.len();
+                let held_out: Vec<usize> = (0..blocks)
+                    .filter(|block| block % 3 == 2.min(blocks - 1))
+                    .collect();
+                let plain = corner.model_without(&held_out, ridges)?;
+                let kept = corner.stretches(self.tracks, |block| !held_out.contains(&block));
+                let refined = refine(&plain, &kept);
+                let test = corner.stretches(self.tracks, |block| held_out.contains(&block));
+                let errors = |model: &LagModel| -> Vec<Vec<Vec<WindowError>>> {
+                    test.iter()
+                        .map(|(track, rows)| window_errors(model, track, rows.clone(), &HORIZONS))
+                        .collect()
+                };
+                Ok(refined.map(|refined| (errors(&plain), errors(&refined))))
+            })
+            .collect::<Result<Vec<_>, ModelError>>()?;
+        let (plain_errors, refined_errors): (Vec<_>, Vec<_>) = pairs.into_iter().flatten().unzip();
+        let (Some(plain_corners), Some(refined_corners)) =
+            (pool(&plain_errors.concat()), pool(&refined_errors.concat()))
+        else {
+            return Ok(None);
+        };
+        let interior = |models: &[LagModel]| -> Result<Option<HeldOutError>, ModelError> {
+            if self.interior.is_empty() {
+                Ok(None)
+            } else {
+                Ok(pool(&self.interior_errors_of(models)?))
+            }
+        };
+        Ok(Some(RefinementTrial {
+            plain_corners,
+            refined_corners,
+            plain_interior: interior(plain)?,
+            refined_interior: interior(refined)?,
+        }))
     }
 
     /// The error of predicting that nothing moves, on the same windows.
@@ -166,7 +265,14 @@ fn pool(flights: &[Vec<Vec<WindowError>>]) -> Option<HeldOutError> {
         if here.is_empty() {
             continue;
         }
-        let capped: f64 = here.iter().map(|window| window.mean_m.min(ERROR_CAP_M)).sum();
+        let counted = |window: &&WindowError| {
+            if window.diverged {
+                DIVERGED_COUNTS_M
+            } else {
+                window.mean_m
+            }
+        };
+        let capped: f64 = here.iter().map(counted).sum();
         means.push(capped / here.len() as f64);
         windows += here.len();
         diverged += here.iter().filter(|window| window.diverged).count();
