@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use flyvine::flight::Flight;
 use flyvine::model::{
-    Bank, CheckReport, Finding, FitOptions, FitReport, InputFile, Ridge, Structure, VelocityInput, check,
-    fit_bank, fit_physical_bank, physical::PhysicalFitOptions,
+    Bank, CheckReport, Finding, FitOptions, FitReport, InputFile, Refinement, Ridge, Structure,
+    VelocityInput, check, fit_bank, fit_physical_bank, physical::PhysicalFitOptions,
 };
 
 use crate::check::check_table;
@@ -53,6 +53,10 @@ pub struct FitArguments {
     /// Whether the commanded velocity is an input too, where recordings have it.
     #[arg(long, value_enum, default_value_t = VelocityChoice::Auto)]
     command_velocity: VelocityChoice,
+    /// Whether models are refined on the error of whole rollouts after one-step least squares; `auto` keeps the
+    /// refinement only where it predicts held-out flights better.
+    #[arg(long, value_enum, default_value_t = RefinementChoice::Auto)]
+    refinement: RefinementChoice,
     /// Print the fit's report as JSON.
     #[arg(long)]
     json: bool,
@@ -72,6 +76,13 @@ enum StructureChoice {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum VelocityChoice {
+    Auto,
+    Off,
+    On,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum RefinementChoice {
     Auto,
     Off,
     On,
@@ -99,6 +110,11 @@ impl FitArguments {
                 VelocityChoice::Auto => VelocityInput::Auto,
                 VelocityChoice::Off => VelocityInput::Off,
                 VelocityChoice::On => VelocityInput::On,
+            },
+            refinement: match self.refinement {
+                RefinementChoice::Auto => Refinement::Auto,
+                RefinementChoice::Off => Refinement::Off,
+                RefinementChoice::On => Refinement::On,
             },
         }
     }
@@ -203,40 +219,15 @@ fn print_report(report: &FitReport, checked: &CheckReport) -> Result<(), Failure
 pub fn say_findings(findings: &[Finding]) -> Outcome {
     let mut outcome = Outcome::Done;
     for finding in findings {
-        match finding {
-            Finding::PlainLeastSquaresUnusable {
-                error,
-                standing_still,
-            } => say(&format!(
-                "note: plain least squares in the paper's form does not predict these flights: held-out rollouts miss \
-                 by {} cm and {:.0} % diverge, where predicting that nothing moves misses by {} cm; the chosen model \
-                 is regularized",
-                centimetres(error.mean_m),
-                100.0 * error.diverged_share,
-                centimetres(standing_still.mean_m)
-            )),
-            Finding::NotToBeTrusted { error } => {
-                say(&format!(
-                    "warning: do not plan on this bank: held-out rollouts miss by {} cm and {:.0} % diverge",
-                    centimetres(error.mean_m),
-                    100.0 * error.diverged_share
-                ));
+        let severity = match finding {
+            Finding::PlainLeastSquaresUnusable { .. } => "note",
+            Finding::TooShortToCrossCheck => "warning",
+            Finding::NotToBeTrusted { .. } | Finding::Unstable { .. } => {
                 outcome = Outcome::Untrusted;
+                "warning: do not plan on this bank"
             }
-            Finding::Unstable {
-                configuration,
-                spectral_radius,
-            } => {
-                say(&format!(
-                    "warning: the model at {} m, {} kPa is unstable at rest: spectral radius {spectral_radius:.4}",
-                    configuration.length_m, configuration.pressure_kpa
-                ));
-                outcome = Outcome::Untrusted;
-            }
-            Finding::TooShortToCrossCheck => say(
-                "warning: no stretch of valid rows is long enough for a held-out rollout; nothing was cross-checked",
-            ),
-        }
+        };
+        say(&format!("{severity}: {finding}"));
     }
     outcome
 }

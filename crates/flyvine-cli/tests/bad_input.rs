@@ -271,7 +271,7 @@ fn broken_banks_and_plans() {
     refuse("not json", &["bank.json"]);
     refuse(&bank[..bank.len() / 2], &["bank.json"]);
     refuse(
-        &bank.replacen("\"schema_version\":1", "\"schema_version\":99", 1),
+        &bank.replacen("\"schema_version\":2", "\"schema_version\":99", 1),
         &["schema_version", "99"],
     );
     refuse(
@@ -284,7 +284,7 @@ fn broken_banks_and_plans() {
     let refuse = |contents: &str, says: &[&str]| Case::new().refuses_plan(contents, says);
     refuse(&plan[..plan.len() - 10], &["plan.json"]);
     refuse(
-        &plan.replacen("\"schema_version\":1", "\"schema_version\":7", 1),
+        &plan.replacen("\"schema_version\":2", "\"schema_version\":7", 1),
         &["schema_version", "7"],
     );
     let mut value: serde_json::Value = serde_json::from_str(&plan).unwrap();

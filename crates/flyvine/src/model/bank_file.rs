@@ -10,7 +10,7 @@ use std::path::Path;
 /// What the file says it is.
 const SCHEMA: &str = "flyvine-bank";
 /// Version of the bank format that this library writes and reads.
-pub const BANK_SCHEMA_VERSION: u64 = 1;
+pub const BANK_SCHEMA_VERSION: u64 = 2;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -185,8 +185,8 @@ mod tests {
 
     #[test]
     fn other_versions_and_schemas_are_named() {
-        let newer = message("\"schema_version\":1", "\"schema_version\":2");
-        assert!(newer.contains("schema_version: found 2, expected 1"), "{newer}");
+        let newer = message("\"schema_version\":2", "\"schema_version\":3");
+        assert!(newer.contains("schema_version: found 3, expected 2"), "{newer}");
         let other = message("flyvine-bank", "flyvine-plan");
         assert!(
             other.contains("found schema \"flyvine-plan\", expected a bank"),
