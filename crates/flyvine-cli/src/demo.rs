@@ -15,6 +15,7 @@ use flyvine::task::{Plan, PlanOptions, Task, TrainingFlight, make_plan, test_fli
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 
+use crate::arm_shape::WatchedVehicle;
 use crate::check::check_table;
 use crate::console::{centimetres, print, progress, say, table};
 use crate::fit::{say_findings, write_json};
@@ -89,7 +90,9 @@ pub fn run(arguments: &DemoArguments) -> CommandResult {
     let page = write_report(folder, &results)?;
     print(&score_table(&results))?;
     print(&format!("report: {}", page.display()))?;
-    let trusted = |experiment: &Experiment| experiment.solver.converged && experiment.score.is_some();
+    let flown = |score: &Score| score.knots_not_flown == 0;
+    let trusted =
+        |experiment: &Experiment| experiment.solver.converged && experiment.score.as_ref().is_some_and(flown);
     if !results.experiments.iter().all(trusted) {
         outcome = Outcome::Untrusted;
     }
@@ -211,7 +214,8 @@ fn plan_tasks(bank: &Bank) -> Result<Vec<Plan>, Failure> {
 fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
     let bar = progress(plans.len() as u64, "flying");
     in_parallel(plans, &bar, |index, plan| {
-        let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+        let vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+        let mut vehicle = WatchedVehicle::new(vehicle);
         let seed = seed.wrapping_add(2000 + index as u64);
         let outcome = fly_plan(
             plan,
@@ -221,7 +225,8 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
             seed,
             &mut |_, _| ControlFlow::Continue(()),
         )?;
-        write_experiment(folder, plan, &outcome.flight)?;
+        let arm = vehicle.into_shapes(outcome.flight.samples.len());
+        write_experiment(folder, plan, &outcome.flight, &arm)?;
         if let End::Aborted { t_s, cause } = outcome.end {
             say(&format!(
                 "warning: {} was aborted at {t_s:.2} s: {cause}",

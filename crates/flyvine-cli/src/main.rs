@@ -1,5 +1,6 @@
 //! The `flyvine` command line: parses arguments, runs one command, prints, exits.
 
+mod arm_shape;
 mod check;
 mod console;
 mod convert;

@@ -51,12 +51,23 @@ pub fn exit_code(result: CommandResult) -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Untrusted) => ExitCode::from(3),
         Err(Failure::Input(error)) => {
-            crate::console::say(&format!("error: {error:#}"));
+            crate::console::say(&format!("error: {}", message(&error)));
             ExitCode::from(2)
         }
         Err(Failure::Internal(error)) => {
-            crate::console::say(&format!("internal error: {error:#}"));
+            crate::console::say(&format!("internal error: {}", message(&error)));
             ExitCode::from(1)
         }
     }
+}
+
+/// The error and its causes, each said once: the library's errors already carry theirs.
+fn message(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text += &format!(": {cause}");
+        }
+    }
+    text
 }

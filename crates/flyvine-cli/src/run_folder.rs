@@ -4,7 +4,7 @@
 //! run.json                         title, vehicle, controller, seed
 //! training/*.csv, test/*.csv       recordings
 //! bank.json, check.json, hygiene.json
-//! experiments/NAME/plan.json, flight.csv, score.json
+//! experiments/NAME/plan.json, flight.csv, score.json; arm.json where the arm's shape is known
 //! report.html, figures/*.svg       made from the files above, and only from them
 //! ```
 
@@ -19,6 +19,7 @@ use flyvine::report::{
 use flyvine::task::{Motion, Plan, read_plan};
 use serde::de::DeserializeOwned;
 
+use crate::arm_shape::ArmShapes;
 use crate::flights::{configuration_label, load_flight};
 use crate::outcome::{Blame, Failure, bad_input};
 use crate::score::{score_flight, swing_target};
@@ -89,11 +90,13 @@ pub fn experiment_folder(run: &Path, name: &str) -> PathBuf {
     run.join("experiments").join(name)
 }
 
-/// Writes the plan and the flight of one experiment.
-pub fn write_experiment(run: &Path, plan: &Plan, flight: &Flight) -> Result<(), Failure> {
+/// Writes the plan, the flight and the arm's shape of one experiment.
+pub fn write_experiment(run: &Path, plan: &Plan, flight: &Flight, arm: &ArmShapes) -> Result<(), Failure> {
     let folder = experiment_folder(run, &plan.task.name);
     flyvine::task::write_plan(&folder.join("plan.json"), plan).or_internal()?;
-    flyvine::flight::write_flight(&folder.join("flight.csv"), flight).or_internal()
+    flyvine::flight::write_flight(&folder.join("flight.csv"), flight).or_internal()?;
+    let arm = serde_json::to_vec(arm).or_internal()?;
+    flyvine::file::write_whole(&folder.join("arm.json"), &arm).or_internal()
 }
 
 fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
@@ -108,6 +111,10 @@ fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
         )
     });
     flight.samples.truncate(plan.knots());
+    let mut arm: Option<ArmShapes> = read_json(&folder.join("arm.json"))?;
+    if let Some(arm) = &mut arm {
+        arm.truncate(flight.samples.len());
+    }
     let (kind, period_s) = match plan.task.motion() {
         Motion::Lemniscate(lemniscate) => (ExperimentKind::Lemniscate, Some(lemniscate.period_s)),
         Motion::Deploy(deploy) => (ExperimentKind::Deploy, Some(deploy.period_s)),
@@ -132,14 +139,10 @@ fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
         reference: plan.reference.clone(),
         predicted_quadrotor: plan.predicted_quadrotor(),
         predicted_end_effector: plan.predicted_end_effector(),
-        score: if complete {
-            Some(score_flight(&plan, &flight)?)
-        } else {
-            None
-        },
+        score: Some(score_flight(&plan, &flight)?),
         remark,
         flight,
-        arm: Vec::new(),
+        arm: arm.unwrap_or_default(),
         swing,
         solver: SolverSummary {
             status: plan.solve.status.clone(),

@@ -15,7 +15,7 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome};
 /// reference and to the model's prediction.
 ///
 /// Row k of the flight against knot k of the plan, without any time shift and with the ramp. Exit code 3 if rows are
-/// missing.
+/// missing or the flight was aborted.
 #[derive(Args)]
 pub struct ScoreArguments {
     /// The recording.
@@ -39,14 +39,23 @@ pub fn run(arguments: &ScoreArguments) -> CommandResult {
     } else {
         print(&score_table(&score))?;
     }
+    let mut outcome = Outcome::Done;
     if score.rows_missing > 0 {
         say(&format!(
             "warning: {} of {} rows have no end-effector pose",
             score.rows_missing, score.rows
         ));
-        return Ok(Outcome::Untrusted);
+        outcome = Outcome::Untrusted;
     }
-    Ok(Outcome::Done)
+    if score.knots_not_flown > 0 {
+        say(&format!(
+            "warning: the flight ended early: {} of the plan's {} knots were not flown",
+            score.knots_not_flown,
+            score.rows + score.knots_not_flown
+        ));
+        outcome = Outcome::Untrusted;
+    }
+    Ok(outcome)
 }
 
 /// Scores a flight of a plan.

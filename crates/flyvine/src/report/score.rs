@@ -36,6 +36,9 @@ pub struct Score {
     pub rows: usize,
     /// Rows without an end-effector pose; they are in no statistic.
     pub rows_missing: usize,
+    /// Knots of the plan that an aborted flight did not reach; they are in no statistic.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub knots_not_flown: usize,
     /// Swings: distance in the xz plane from the target at the target knot, m.
     /// Absent when the end effector was not seen there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -46,11 +49,15 @@ pub struct Score {
     pub target_velocity_m_s: Option<[f64; 2]>,
 }
 
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
 /// Why a flight cannot be scored against a plan.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ScoreError {
     /// The flight is not a flight of this plan.
-    #[error("flight {flight}: found {rows} rows, expected {knots}, one for each knot of the plan")]
+    #[error("flight {flight}: found {rows} rows, expected at most {knots}, one for each knot of the plan")]
     RowCount {
         /// Name of the flight.
         flight: String,
@@ -122,7 +129,8 @@ pub enum ScoreError {
 /// the measured end effector; rows without an end-effector pose are left out and counted.
 ///
 /// `reference` and `prediction` are end-effector positions, m, one per knot; `swing` adds what only a swing
-/// has. The flight must have one row per knot, [`DT`] apart (to within half a step).
+/// has. The flight must have one row per knot, [`DT`] apart (to within half a step); one that was aborted has
+/// fewer, and is scored as far as it went.
 pub fn score(
     flight: &Flight,
     reference: &[[f64; 3]],
@@ -134,7 +142,7 @@ pub fn score(
     check_finite("reference knot", reference.iter().copied().map(Some))?;
     check_finite("prediction knot", prediction.iter().copied().map(Some))?;
 
-    let measured = |k: usize| flight.samples[k].end_effector;
+    let measured = |k: usize| flight.samples.get(k)?.end_effector;
     let rows = flight.samples.len();
     let seen: Vec<usize> = (0..rows).filter(|&k| measured(k).is_some()).collect();
     let statistics_to = |expected: &[[f64; 3]]| {
@@ -167,6 +175,7 @@ pub fn score(
         ee_vs_prediction: statistics_to(prediction)?,
         rows,
         rows_missing: rows - seen.len(),
+        knots_not_flown: reference.len() - rows,
         target_miss_m,
         target_velocity_m_s,
     })
@@ -206,11 +215,11 @@ fn check_shapes(
             knots,
         });
     }
-    if flight.samples.len() != knots {
+    if flight.samples.len() > knots {
         let (flight, rows) = (flight.name.clone(), flight.samples.len());
         return Err(ScoreError::RowCount { flight, rows, knots });
     }
-    let start_s = flight.samples[0].t_s;
+    let start_s = flight.samples.first().map_or(0.0, |first| first.t_s);
     for (row, sample) in flight.samples.iter().enumerate() {
         let expected_s = start_s + row as f64 * DT;
         let on_time = (sample.t_s - expected_s).abs() <= 0.5 * DT; // false for NaN
@@ -361,6 +370,20 @@ mod tests {
     }
 
     #[test]
+    fn an_aborted_flight_is_scored_as_far_as_it_went() {
+        let flown = flight(&[Some([0.0; 3]), Some([3.0, 4.0, 0.0])]);
+        let plan = [[0.0; 3]; 5];
+        let target = SwingTarget {
+            knot: 3,
+            position: [1.5, 0.8],
+        };
+        let score = score(&flown, &plan, &plan, Some(target)).unwrap();
+        assert_eq!((score.rows, score.rows_missing, score.knots_not_flown), (2, 0, 3));
+        assert_eq!(score.ee_vs_reference.mean_m, 2.5);
+        assert_eq!((score.target_miss_m, score.target_velocity_m_s), (None, None));
+    }
+
+    #[test]
     fn mismatches_are_named() {
         let flown = flight(&[Some([0.0; 3]), Some([0.0; 3])]);
         let plan = [[0.0; 3]; 2];
@@ -371,10 +394,10 @@ mod tests {
             })
         };
         assert!(matches!(
-            score(&flown, &[[0.0; 3]; 3], &[[0.0; 3]; 3], None),
+            score(&flown, &plan[..1], &plan[..1], None),
             Err(ScoreError::RowCount {
                 rows: 2,
-                knots: 3,
+                knots: 1,
                 ..
             })
         ));

@@ -13,14 +13,15 @@ pub use report::{Body, Fault, Finding, HygieneReport};
 
 use super::{Flight, Sample, quaternion};
 
-/// What counts as a fault. The defaults leave real swings alone (8 m/s at the tip, 60° of tilt) and find
-/// jumps from 5 cm on.
+/// What counts as a fault. The defaults leave real swings alone (8 m/s at the tip, 60° of tilt).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct HygieneOptions {
-    /// Largest deviation of one step from the mean of the steps beside it, m: half the third difference
-    /// of the positions. A jump by `J` deviates by `J`, a spike by `1.5 J`. Default 0.06.
+    /// Quadrotor: largest deviation of one step from the mean of the steps beside it, m: half the third
+    /// difference of the positions. A jump by `J` deviates by `J`, a spike by `1.5 J`. Default 0.06.
     pub jump_tolerance_m: f64,
+    /// End effector: the same; a limp arm that whips round deviates by 0.07 m by itself. Default 0.09.
+    pub tip_jump_tolerance_m: f64,
     /// The same for the attitude, as a distance of quaternions (half an angle in radians). Default 0.12.
     pub turn_tolerance: f64,
     /// Longest excursion, in rows, that is rejected as a whole; what stays away longer is a lasting shift,
@@ -34,6 +35,7 @@ impl Default for HygieneOptions {
     fn default() -> Self {
         HygieneOptions {
             jump_tolerance_m: 0.06,
+            tip_jump_tolerance_m: 0.09,
             turn_tolerance: 0.12,
             max_excursion_rows: 10,
             command_spike_m: 0.5,
@@ -74,11 +76,11 @@ pub fn clean(flight: &mut Flight, options: &HygieneOptions) -> HygieneReport {
         reject(flight, &mut report, Body::Command, fault, spike.rows);
     }
 
-    let (tolerance, longest) = (options.jump_tolerance_m, options.max_excursion_rows);
+    let longest = options.max_excursion_rows;
     let positions = jump::track(flight, |sample| sample.quadrotor.map(|pose| pose.position));
     let attitudes = jump::track(flight, |sample| sample.quadrotor.map(|pose| pose.attitude));
     let tips = jump::track(flight, |sample| sample.end_effector);
-    for jump in jump::find(positions, tolerance, longest, |_, x| x) {
+    for jump in jump::find(positions, options.jump_tolerance_m, longest, |_, x| x) {
         let fault = Fault::Jump { size_m: jump.size };
         reject(flight, &mut report, Body::Quadrotor, fault, jump.rows);
     }
@@ -89,7 +91,7 @@ pub fn clean(flight: &mut Flight, options: &HygieneOptions) -> HygieneReport {
         };
         reject(flight, &mut report, Body::Quadrotor, fault, jump.rows);
     }
-    for jump in jump::find(tips, tolerance, longest, |_, x| x) {
+    for jump in jump::find(tips, options.tip_jump_tolerance_m, longest, |_, x| x) {
         let fault = Fault::Jump { size_m: jump.size };
         reject(flight, &mut report, Body::EndEffector, fault, jump.rows);
     }
