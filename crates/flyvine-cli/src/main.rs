@@ -1,6 +1,7 @@
 //! The `flyvine` command line: parses arguments, runs one command, prints, exits.
 
 mod arm_shape;
+mod calibrate;
 mod check;
 mod console;
 mod convert;
@@ -51,6 +52,7 @@ enum Command {
     Report(report::ReportArguments),
     Solve(solve::SolveArguments),
     Convert(convert::ConvertArguments),
+    Calibrate(calibrate::CalibrateArguments),
 }
 
 fn main() -> ExitCode {
@@ -65,5 +67,6 @@ fn main() -> ExitCode {
         Command::Report(arguments) => report::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
+        Command::Calibrate(arguments) => calibrate::run(arguments),
     })
 }

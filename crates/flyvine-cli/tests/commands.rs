@@ -249,3 +249,52 @@ fn help_teaches_and_a_closed_pipe_is_no_error() {
     }
     flyvine().assert().code(2);
 }
+
+#[test]
+fn a_vehicle_is_calibrated_on_recordings_and_judged_on_others() {
+    let (run, out) = (demo_run(), tempfile::tempdir().unwrap());
+    let file = |name: &str| out.path().join(name);
+    let (start, calibrated, flight) = (file("start.toml"), file("vehicle.toml"), file("swings.csv"));
+    std::fs::write(
+        &start,
+        "[autopilot.position]\nxy_p = 1.3\n[supervisor]\nreach_margin_m = 0.2\n",
+    )
+    .unwrap();
+    let swings = std::fs::read_to_string(run.join("training/ES_swings.csv")).unwrap();
+    let first_15_s: Vec<&str> = swings.lines().take(301).collect();
+    std::fs::write(&flight, first_15_s.join("\n") + "\n").unwrap();
+    let output = flyvine()
+        .arg("calibrate")
+        .arg(&flight)
+        .arg("--hold-out")
+        .arg(run.join("training/ES_rising_rose.csv"))
+        .arg("--vehicle")
+        .arg(&start)
+        .arg("--out")
+        .arg(&calibrated)
+        .args([
+            "--parameters",
+            "autopilot.position.xy_p,arm.corners.empty_short.stiffness",
+        ])
+        .args(["--iterations", "4", "--json"])
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // The built-in vehicle that flew the recordings has 1.54.
+    let gain = report["parameters"][0]["value"].as_f64().unwrap();
+    assert!((gain - 1.54).abs() < 0.02, "{report}");
+    let held_out = &report["flights"][1];
+    assert_eq!(held_out["role"], "held_out");
+    let distance = |which: &str| held_out[which]["end_effector_m"].as_f64().unwrap();
+    assert!(distance("calibrated") < 0.2 * distance("start"), "{report}");
+    let written = std::fs::read_to_string(&calibrated).unwrap();
+    assert!(
+        written.contains("reach_margin_m"),
+        "the supervisor's limits are kept"
+    );
+}

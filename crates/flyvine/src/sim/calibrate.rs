@@ -11,6 +11,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+/// Residuals that are taken as one when standard errors are found: a second of a position.
+const CLUSTER: usize = 60;
+
 /// A parameter to be found.
 #[derive(Clone, Copy)]
 pub struct FreeParameter {
@@ -305,37 +308,51 @@ impl Problem<'_> {
         (point, jacobian, self.options.max_iterations)
     }
 
-    /// Standard errors from `s² (JᵀJ)⁻¹` by its eigenvectors; directions that the data do not see (eigenvalue
-    /// below 1e-6 of the greatest) make every parameter that they contain unidentified.
+    /// Standard errors from the covariance `N⁺ (Σ_c g_c g_cᵀ) N⁺`, with `N = JᵀJ` and `g_c = J_cᵀ r_c` summed over
+    /// clusters c of neighbouring residuals, which are far from independent (Liang and Zeger, "Longitudinal data
+    /// analysis using generalized linear models", Biometrika 1986). Directions that the data do not see
+    /// (eigenvalue below 1e-6 of the greatest) make every parameter that they contain unidentified.
     fn estimates(&self, point: &Point, jacobian: &DMatrix<f64>) -> Vec<Estimate> {
-        let normal = jacobian.tr_mul(jacobian);
-        let eigen = normal.symmetric_eigen();
+        let free = self.free.len();
+        let eigen = jacobian.tr_mul(jacobian).symmetric_eigen();
         let greatest = eigen.eigenvalues.max();
-        let freedom = (point.residuals.len().saturating_sub(point.x.len())).max(1) as f64;
-        let variance = point.cost / freedom;
-        self.free
-            .iter()
-            .enumerate()
-            .map(|(j, parameter)| {
-                let mut scaled = 0.0;
-                for (k, eigenvalue) in eigen.eigenvalues.iter().enumerate() {
-                    let share = eigen.eigenvectors[(j, k)].powi(2);
-                    if *eigenvalue > 1e-6 * greatest {
-                        scaled += variance * share / eigenvalue;
-                    } else if share > 1e-2 {
-                        scaled = f64::INFINITY;
-                    }
+        let mut inverse = DMatrix::zeros(free, free);
+        let mut unseen = vec![0.0; free];
+        for (k, eigenvalue) in eigen.eigenvalues.iter().enumerate() {
+            let direction = eigen.eigenvectors.column(k);
+            if *eigenvalue > 1e-6 * greatest {
+                inverse += direction * direction.transpose() / *eigenvalue;
+            } else {
+                for (unseen, component) in unseen.iter_mut().zip(&direction) {
+                    *unseen += component * component;
                 }
-                let x = point.x[j];
-                let slope = (parameter.unscaled(x + 1e-4) - parameter.unscaled(x - 1e-4)) / 2e-4;
-                Estimate {
-                    name: parameter.name,
-                    value: parameter.unscaled(x),
-                    standard_error: slope * scaled.sqrt(),
-                    at_bound: x <= 0.0 || x >= 1.0,
-                }
-            })
-            .collect()
+            }
+        }
+        let mut clusters = DMatrix::zeros(free, free);
+        for first in (0..point.residuals.len()).step_by(CLUSTER) {
+            let rows = CLUSTER.min(point.residuals.len() - first);
+            let gradient = jacobian
+                .rows(first, rows)
+                .tr_mul(&point.residuals.rows(first, rows));
+            clusters += &gradient * gradient.transpose();
+        }
+        let covariance = &inverse * clusters * &inverse;
+        let estimate = |(j, parameter): (usize, &FreeParameter)| {
+            let x = point.x[j];
+            let slope = (parameter.unscaled(x + 1e-4) - parameter.unscaled(x - 1e-4)) / 2e-4;
+            let on_scale = if unseen[j] > 1e-2 {
+                f64::INFINITY
+            } else {
+                covariance[(j, j)].max(0.0).sqrt()
+            };
+            Estimate {
+                name: parameter.name,
+                value: parameter.unscaled(x),
+                standard_error: slope * on_scale,
+                at_bound: x <= 0.0 || x >= 1.0,
+            }
+        };
+        self.free.iter().enumerate().map(estimate).collect()
     }
 }
 

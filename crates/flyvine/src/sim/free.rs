@@ -18,6 +18,22 @@ macro_rules! free {
     };
 }
 
+impl FreeParameter {
+    /// The same parameter, to be searched within a factor of its value in `start`; `None` where that is zero.
+    /// Delays, which may well be zero, keep their bounds.
+    pub fn around(&self, start: &VehicleParameters, factor: f64) -> Option<FreeParameter> {
+        if self.name.ends_with("delay_s") {
+            return Some(*self);
+        }
+        let value = (self.get)(start);
+        (value > 0.0).then_some(FreeParameter {
+            low: value / factor,
+            high: value * factor,
+            ..*self
+        })
+    }
+}
+
 /// Everything that replays of the paper's flights can say something about.
 pub fn all() -> Vec<FreeParameter> {
     let mut free = autopilot();

@@ -363,16 +363,16 @@ impl VehicleParameters {
             ));
         }
         let wound = arm.tip_mass_kg - arm.linear_density_kg_m * (longest - rigid);
-        if wound < 0.02 {
+        if wound < 0.001 {
             return contradiction(format!(
-                "arm.tip_mass_kg = {} leaves {wound:.3} kg at the tip of the longest arm: at least 0.02 kg expected",
+                "arm.tip_mass_kg = {} leaves {wound:.3} kg at the tip of the longest arm: at least 0.001 kg expected",
                 arm.tip_mass_kg
             ));
         }
         let quadrotor = &self.quadrotor;
-        if quadrotor.total_mass_kg - arm.tip_mass_kg < 0.2 {
+        if quadrotor.total_mass_kg - arm.tip_mass_kg < 0.01 {
             return contradiction(format!(
-                "quadrotor.total_mass_kg = {} with an arm of {} kg leaves less than 0.2 kg for the quadrotor",
+                "quadrotor.total_mass_kg = {} with an arm of {} kg leaves less than 0.01 kg for the quadrotor",
                 quadrotor.total_mass_kg, arm.tip_mass_kg
             ));
         }

@@ -11,6 +11,9 @@ use crate::flight::{Configuration, Flight};
 use crate::link::{Vehicle, VehicleError};
 use nalgebra::{Vector2, Vector3};
 
+/// Where every vehicle hovers after a reset, m.
+const START: [f64; 3] = [0.0, 0.0, crate::HOVER_HEIGHT_M];
+
 /// Commands that were flown, and what was measured of the flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
@@ -103,7 +106,8 @@ pub struct ReplayRow {
 }
 
 impl Recording {
-    /// A recorded flight: its commands, configurations and poses.
+    /// A recorded flight: its commands, configurations and poses, moved so that the quadrotor is first seen where
+    /// a replay starts. The vehicle should hover there, for a replay starts at rest.
     pub fn from_flight(flight: &Flight) -> Result<Recording, ReplayError> {
         if flight.samples.len() < 2 {
             return Err(ReplayError::TooShort {
@@ -113,16 +117,19 @@ impl Recording {
             });
         }
         let samples = &flight.samples;
+        let first = samples.iter().find_map(|sample| sample.quadrotor);
+        let start = Vector3::from(first.map_or(START, |pose| pose.position));
+        let moved = |position: [f64; 3]| (Vector3::from(position) - start + Vector3::from(START)).into();
         Ok(Recording {
             name: flight.name.clone(),
             configurations: samples.iter().map(|sample| sample.configuration).collect(),
-            commands: samples.iter().map(|sample| sample.command).collect(),
+            commands: samples.iter().map(|sample| moved(sample.command)).collect(),
             measured: Measured::Rows {
                 quadrotor: samples
                     .iter()
-                    .map(|s| s.quadrotor.map(|pose| pose.position))
+                    .map(|s| s.quadrotor.map(|pose| moved(pose.position)))
                     .collect(),
-                end_effector: samples.iter().map(|s| s.end_effector).collect(),
+                end_effector: samples.iter().map(|s| s.end_effector.map(moved)).collect(),
             },
         })
     }
