@@ -6,11 +6,12 @@ use clap::{Args, ValueEnum};
 use flyvine::flight::Flight;
 use flyvine::model::{
     Bank, CheckReport, Finding, FitOptions, FitReport, InputFile, Refinement, Ridge, Structure,
-    VelocityInput, check, fit_bank, fit_physical_bank, physical::PhysicalFitOptions,
+    VelocityInput, check, fit_bank,
 };
 
 use crate::check::check_table;
 use crate::console::{centimetres, print, print_json, say, table};
+use crate::fit_physical;
 use crate::flights::load_flights;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome};
 
@@ -144,24 +145,16 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
 
 /// Fits the physical family.
 fn run_physical(arguments: &FitArguments, flights: &[Flight]) -> CommandResult {
-    let mut progress = |corner: usize, at: flyvine::model::physical::FitProgress| {
-        if at.start.is_none() {
-            say(&format!(
-                "corner {}, iteration {}: {:.1}",
-                corner + 1,
-                at.iteration,
-                at.objective
-            ));
-        }
-    };
-    let bank = fit_physical_bank(flights, &PhysicalFitOptions::default(), &mut progress).or_input()?;
+    let (bank, report) = fit_physical::fit(flights)?;
     let checked = write_and_check(arguments, bank, flights)?;
     if let Some(folder) = &arguments.report {
+        write_json(&folder.join("fit.json"), &report)?;
         write_json(&folder.join("check.json"), &checked)?;
     }
     if arguments.json {
-        print_json(&checked)?;
+        print_json(&report)?;
     } else {
+        print(&fit_physical::tables(&report))?;
         print("On the flights themselves (held-out flights: `flyvine check`):")?;
         print(&check_table(&checked))?;
     }

@@ -5,6 +5,7 @@ mod console;
 mod convert;
 mod demo;
 mod fit;
+mod fit_physical;
 mod flights;
 mod fly;
 mod outcome;

@@ -49,7 +49,7 @@ pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
-pub use physical_bank::fit_physical_bank;
+pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank};
 pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError, RefinementTrial};

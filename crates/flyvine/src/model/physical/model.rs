@@ -36,7 +36,9 @@ pub struct FitSummary {
     pub configuration: Configuration,
     /// Rows simulated.
     pub rows: usize,
-    /// The objective at the parameters.
+    /// Mean distance of the simulated end effector from where it was seen, m, over whole flights.
+    pub tip_error_m: f64,
+    /// The objective at the parameters, of all configurations that were fitted together.
     pub objective: f64,
     /// Iterations on whole flights.
     pub iterations: usize,
