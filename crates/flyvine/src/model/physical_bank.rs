@@ -3,11 +3,11 @@
 use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use super::error::ModelError;
 use super::family::Model;
-use super::fit::{group, refuse_duplicates};
+use super::fit::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{
-    FitProgress, PARAMETER_COUNT, ParameterEstimate, PhysicalFitOptions, PhysicalModel, fit_physical,
-    fit_shared_vehicle, pooled_vehicle,
+    FitProgress, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions, PhysicalModel,
+    fit_physical, fit_shared_vehicle,
 };
 use crate::flight::{Configuration, Flight};
 use nalgebra::DMatrix;
@@ -45,9 +45,9 @@ pub struct CornerFit {
 /// Fits one physical model per corner of the flown (pressure, length) range and joins them in a bank.
 ///
 /// The vehicle is the same whatever the arm's configuration: every corner is fitted on its own first, then all
-/// together with one vehicle, beginning with what the corners agree on ([`pooled_vehicle`]), so that what the
-/// bank interpolates is the arm alone. With a single corner the first fit is kept. Flights at interior
-/// configurations and flights whose configuration changes are not fitted.
+/// together with one vehicle ([`fit_shared_vehicle`]), so that what the bank interpolates is the arm alone. With a
+/// single corner the first fit is kept. Flights at interior configurations and flights whose configuration changes
+/// are not fitted.
 ///
 /// `progress` is called with the configuration that is being fitted (`None`: all of them) and where its fit is.
 ///
@@ -61,26 +61,74 @@ pub fn fit_physical_bank(
 ) -> Result<(Bank, PhysicalFitReport), ModelError> {
     refuse_duplicates(flights)?;
     let groups = group(flights)?;
-    let chosen = |members: &[usize]| members.iter().map(|&index| flights[index].clone()).collect();
-    let members: Vec<Vec<Flight>> = groups
-        .corners
-        .iter()
-        .map(|(_, indices)| chosen(indices))
-        .collect();
     let mut fits: Vec<PhysicalModel> = Vec::new();
-    for ((configuration, _), members) in groups.corners.iter().zip(&members) {
-        fits.push(fit_physical(members, options, &mut |at| {
+    for (configuration, members) in &groups.corners {
+        let members = chosen(flights, members);
+        fits.push(fit_physical(&members, options, &mut |at| {
             progress(Some(*configuration), at)
         })?);
     }
     if fits.len() > 1 {
-        let vehicle = pooled_vehicle(&fits)?;
-        let starts = fits
-            .iter()
-            .map(|fit| fit.parameters.with_vehicle(&vehicle))
-            .collect();
-        fits = fit_shared_vehicle(&members, starts, options, &mut |at| progress(None, at))?;
+        let own: Vec<_> = fits.iter().map(|fit| fit.parameters).collect();
+        fits = shared_vehicle(flights, &groups, &own, options, progress)?;
     }
+    join(flights, &groups, fits)
+}
+
+/// Fits the physical family again, beginning with the models of `bank`: on more flights, or others.
+///
+/// # Errors
+/// As [`fit_physical_bank`]; `bank` is of another family, or does not cover the flights.
+pub fn refit_physical_bank(
+    bank: &Bank,
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(Option<Configuration>, FitProgress),
+) -> Result<(Bank, PhysicalFitReport), ModelError> {
+    refuse_duplicates(flights)?;
+    let groups = group(flights)?;
+    let start = |(configuration, _): &(Configuration, Vec<usize>)| match bank.at(*configuration)? {
+        Model::Physical(model) => Ok(model.parameters),
+        Model::Lag(_) => Err(ModelError::Unsupported {
+            what: "bank to begin a physical fit with",
+            found: "the lag family".into(),
+            expected: "the physical family".into(),
+        }),
+    };
+    let starts = groups
+        .corners
+        .iter()
+        .map(start)
+        .collect::<Result<Vec<_>, ModelError>>()?;
+    let fits = shared_vehicle(flights, &groups, &starts, options, progress)?;
+    join(flights, &groups, fits)
+}
+
+fn shared_vehicle(
+    flights: &[Flight],
+    groups: &Groups,
+    starts: &[Parameters<f64>],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(Option<Configuration>, FitProgress),
+) -> Result<Vec<PhysicalModel>, ModelError> {
+    let members: Vec<_> = groups
+        .corners
+        .iter()
+        .map(|(_, members)| chosen(flights, members))
+        .collect();
+    let fits = fit_shared_vehicle(&members, starts, options, &mut |at| progress(None, at))?;
+    Ok(fits)
+}
+
+fn chosen(flights: &[Flight], members: &[usize]) -> Vec<Flight> {
+    members.iter().map(|&index| flights[index].clone()).collect()
+}
+
+fn join(
+    flights: &[Flight],
+    groups: &Groups,
+    fits: Vec<PhysicalModel>,
+) -> Result<(Bank, PhysicalFitReport), ModelError> {
     let models: Vec<BankModel> = groups
         .corners
         .iter()
@@ -162,8 +210,8 @@ fn condition_number(covariance: &[Vec<f64>]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::check;
+    use super::super::physical::ArmLength;
     use super::super::physical::synthetic::{random_commands, simulate_flight};
-    use super::super::physical::{ArmLength, Parameters};
     use super::*;
     use crate::trajopt::Dynamics;
 

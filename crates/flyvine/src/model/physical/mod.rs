@@ -52,7 +52,7 @@ pub use error::PhysicalError;
 pub use estimates::ParameterEstimate;
 pub use fit::{FitProgress, FitStage, PhysicalFitOptions, fit_physical, fit_shared_vehicle};
 pub use flight_data::{FlightData, Observed, arm_lengths};
-pub use model::{FitSummary, PhysicalModel, pooled_vehicle};
+pub use model::{FitSummary, PhysicalModel};
 pub use observer::{Observer, observe};
 pub use parameters::{PARAMETER_COUNT, PARAMETERS, ParameterInfo, Parameters, Part, Scale};
 pub use state::{OUTPUT_LEN, STATE_LEN};

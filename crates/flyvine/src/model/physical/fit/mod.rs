@@ -127,17 +127,25 @@ pub fn fit_physical(
     Ok(models.remove(0))
 }
 
-/// Fits one vehicle with an arm per configuration: `groups` holds the flights of each, `starts` the parameters
-/// to begin with, which agree on the vehicle ([`super::pooled_vehicle`]).
+/// Fits one vehicle with an arm per configuration: `groups` holds the flights of each, `own` the parameters that
+/// were found for each on its own, or all together earlier. It begins with the vehicle of one of them, or their
+/// mean, whichever explains all flights best.
 ///
 /// # Errors
 /// As [`fit_physical`].
 pub fn fit_shared_vehicle(
     groups: &[Vec<Flight>],
-    starts: Vec<Parameters<f64>>,
+    own: &[Parameters<f64>],
     options: &PhysicalFitOptions,
     progress: &mut dyn FnMut(FitProgress),
 ) -> Result<Vec<PhysicalModel>, PhysicalError> {
+    if own.is_empty() || own.len() != groups.len() {
+        return Err(PhysicalError::Shape {
+            what: "parameters to start the configurations' fits from",
+            found: own.len(),
+            expected: groups.len().max(1),
+        });
+    }
     let stretches = groups
         .iter()
         .map(|flights| one_configuration(flights))
@@ -146,7 +154,20 @@ pub fn fit_shared_vehicle(
         misfits: stretches.iter().map(|own| whole_flights(own, options)).collect(),
         held: held(options, &[]),
     };
-    let minimum = minimize(&problem, starts, options.max_iterations, &mut |minimum| {
+    let shares: Vec<_> = own.iter().map(|own| (1.0 / groups.len() as f64, own)).collect();
+    let mut vehicles = vec![Parameters::mean(&shares)];
+    vehicles.extend_from_slice(own);
+    if let Some(known) = options.vehicle {
+        vehicles = vec![known];
+    }
+    let starts = vehicles.iter().map(|vehicle| {
+        let start: Vec<_> = own.iter().map(|own| own.with_vehicle(vehicle)).collect();
+        (problem.value(&start).0, start)
+    });
+    let (_, start) = starts
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .ok_or(PhysicalError::Diverged)?;
+    let minimum = minimize(&problem, start, options.max_iterations, &mut |minimum| {
         report(FitStage::SharedVehicle, minimum, progress)
     });
     let groups: Vec<(&[Flight], &[FlightData])> = groups

@@ -1,59 +1,10 @@
-//! `flyvine fit` with the physical family: progress in words, and the table of parameters.
+//! The parameters of the physical family as a table.
 
-use flyvine::flight::{Configuration, Flight};
-use flyvine::model::physical::{FitProgress, FitStage, ParameterEstimate, PhysicalFitOptions};
-use flyvine::model::{Bank, CornerFit, PhysicalFitReport, fit_physical_bank};
+use flyvine::model::physical::ParameterEstimate;
+use flyvine::model::{CornerFit, PhysicalFitReport};
 
-use crate::console::{progress, say, table};
+use crate::console::table;
 use crate::flights::configuration_label;
-use crate::outcome::{Blame, Failure};
-
-/// Fits the physical family, saying what it does.
-pub fn fit(flights: &[Flight]) -> Result<(Bank, PhysicalFitReport), Failure> {
-    say(
-        "physical family: every flight is simulated from its first row; the parameters of quadrotor, autopilot \
-         and arm are those whose simulations stay closest to the recordings",
-    );
-    let bar = progress(0, "simulating");
-    let mut last: Option<(Option<Configuration>, FitProgress)> = None;
-    let fitted = fit_physical_bank(
-        flights,
-        &PhysicalFitOptions::default(),
-        &mut |configuration, at| {
-            if let Some((before, ended)) = last
-                && (before, ended.stage) != (configuration, at.stage)
-            {
-                bar.suspend(|| say(&describe(before, ended)));
-            }
-            bar.set_message(describe(configuration, at));
-            last = Some((configuration, at));
-        },
-    );
-    bar.finish_and_clear();
-    if let Some((configuration, at)) = last {
-        say(&describe(configuration, at));
-    }
-    fitted.or_input()
-}
-
-/// Where a fit is, as a sentence.
-fn describe(configuration: Option<Configuration>, at: FitProgress) -> String {
-    let who = configuration.map_or("all corners".to_owned(), |configuration| {
-        configuration_label(configuration, None)
-    });
-    let what = match at.stage {
-        FitStage::FirstSeconds { start } => {
-            format!("first 10 s of every flight, from start {}", start + 1)
-        }
-        FitStage::WholeFlights => "whole flights".to_owned(),
-        FitStage::SharedVehicle => "whole flights, one vehicle with several arms".to_owned(),
-    };
-    format!(
-        "{who}: {what}: tip {:.2} cm off on average after {} iterations",
-        100.0 * at.tip_error_m,
-        at.iteration
-    )
-}
 
 /// The parameters with their standard errors, and what is to be said about them.
 pub fn tables(report: &PhysicalFitReport) -> String {
