@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use flyvine::model::{Bank, CheckReport, Extrapolation, check};
+use flyvine::model::{Bank, CheckReport, Extrapolation, PredictionBand, WindowKind, check};
 
 use crate::console::{centimetres, print, print_json, say, table};
 use crate::flights::{configuration_label, load_flights};
@@ -12,7 +12,9 @@ use crate::outcome::{Blame, CommandResult, Outcome};
 /// Judge a bank on flights: one-step errors, and the end-effector error of whole rollouts.
 ///
 /// A plan depends on what the model predicts 200 to 400 steps ahead, so the rollout's error is what counts: mean 3-D
-/// end-effector distance over windows of 0.5, 1, 2.5, 5 and 10 s. Exit code 3 if any rollout diverges.
+/// end-effector distance over windows of 0.5, 1, 2.5, 5 and 10 s, with the worst window and the swings apart. A bank
+/// that knows its band of confidence is asked how many predictions ended within it. Exit code 3 if any rollout
+/// diverges.
 ///
 ///   flyvine check bank.json held-out.csv
 #[derive(Args)]
@@ -49,6 +51,10 @@ pub fn run(arguments: &CheckArguments) -> CommandResult {
     } else {
         print(&one_step_table(&report))?;
         print(&check_table(&report))?;
+        print(&pooled_table(&report))?;
+        if let Some(band) = &report.band {
+            print(&format!("band of confidence: {}", band_line(band)))?;
+        }
         print(&model_table(&report))?;
     }
     let diverged = report
@@ -120,6 +126,64 @@ pub fn check_table(report: &CheckReport) -> String {
         row
     });
     table(&header.iter().map(String::as_str).collect::<Vec<_>>(), rows)
+}
+
+/// All flights together, swings apart from the rest, and where the worst window is.
+fn pooled_table(report: &CheckReport) -> String {
+    let length = |metres: Option<f64>| metres.map_or("–".to_owned(), centimetres);
+    let rows = report
+        .pooled
+        .iter()
+        .filter(|pooled| pooled.error.windows > 0)
+        .map(|pooled| {
+            let error = &pooled.error;
+            let kind = match pooled.kind {
+                WindowKind::All => "all windows",
+                WindowKind::Swings => "swings (arm leans over 30°)",
+                WindowKind::Rest => "the rest",
+            };
+            vec![
+                kind.to_owned(),
+                format!("{} s", error.horizon_s),
+                error.windows.to_string(),
+                length(error.median_m),
+                length(error.p95_m),
+                length(error.worst_m),
+                match (&pooled.worst_flight, error.worst_start_s) {
+                    (Some(flight), Some(start_s)) => format!("{flight} from {start_s:.2} s"),
+                    _ => "–".to_owned(),
+                },
+                error
+                    .within_band
+                    .map_or("–".to_owned(), |share| format!("{:.1} %", 100.0 * share)),
+            ]
+        });
+    let header = [
+        "all flights, cm",
+        "horizon",
+        "windows",
+        "median",
+        "p95",
+        "worst",
+        "worst window",
+        "in the band",
+    ];
+    table(&header, rows)
+}
+
+/// A band's radii.
+pub fn band_line(band: &PredictionBand) -> String {
+    let radii: Vec<String> = band
+        .horizons_s
+        .iter()
+        .zip(&band.radii_m)
+        .map(|(horizon, radius)| format!("{} cm at {horizon} s", centimetres(*radius)))
+        .collect();
+    format!(
+        "{:.0} % of held-out predictions were within {}",
+        100.0 * band.confidence,
+        radii.join(", ")
+    )
 }
 
 fn one_step_table(report: &CheckReport) -> String {

@@ -4,22 +4,25 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use flyvine::flight::Flight;
+use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{
-    Bank, CheckReport, Finding, FitOptions, FitReport, InputFile, Refinement, Ridge, Structure,
-    VelocityInput, check, fit_bank, fit_physical_bank, physical::PhysicalFitOptions,
+    Bank, CheckReport, Chosen, FamiliesReport, Family, FamilyOptions, FamilyTrial, Finding, FitOptions,
+    FitReport, HeldOutError, InputFile, Refinement, Ridge, Structure, VelocityInput, check,
 };
 
-use crate::check::check_table;
+use crate::check::{band_line, check_table};
 use crate::console::{centimetres, print, print_json, say, table};
 use crate::flights::load_flights;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome};
+use crate::{fit_progress, physical_report};
 
 /// Identify models from flights and join them in a bank.
 ///
 /// Flights are grouped by configuration (arm length, pressure). The extreme configurations become the bank's
 /// models: one, two along one axis, or four corners. Flights in between, and flights during which the
-/// configuration changes, only judge the interpolation. Ridge strengths are chosen by the error of whole
-/// rollouts on flights that were held out, because that is what a plan depends on.
+/// configuration changes, only judge the interpolation. The family of the models and their settings are chosen by the
+/// error of whole rollouts on flights that were held out, because that is what a plan depends on; what the rollouts
+/// missed becomes the bank's band of confidence.
 ///
 ///   flyvine fit recordings/*.csv --out bank.json --report fit_report
 #[derive(Args)]
@@ -35,9 +38,10 @@ pub struct FitArguments {
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Family of the models: `lag` is the paper's; `physical` is reduced-order physics of quadrotor, autopilot and
-    /// arm, fitted by simulation error (a minute or so), to which the other settings do not apply.
-    #[arg(long, value_enum, default_value_t = Family::Lag)]
-    family: Family,
+    /// arm, fitted by simulation error (a minute or so), to which the other settings do not apply; `auto` tries both
+    /// and keeps the one that predicts held-out flights better.
+    #[arg(long, value_enum, default_value_t = FamilyChoice::Auto)]
+    family: FamilyChoice,
     /// Rows of the model: `paper` has a quadratic end-effector height, `linear` has not.
     #[arg(long, value_enum, default_value_t = StructureChoice::Paper)]
     structure: StructureChoice,
@@ -63,7 +67,8 @@ pub struct FitArguments {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Family {
+enum FamilyChoice {
+    Auto,
     Lag,
     Physical,
 }
@@ -123,11 +128,17 @@ impl FitArguments {
 /// Runs `flyvine fit`.
 pub fn run(arguments: &FitArguments) -> CommandResult {
     let flights = load_flights(&arguments.flights)?;
+    let options = FamilyOptions {
+        families: match arguments.family {
+            FamilyChoice::Auto => vec![Family::Lag, Family::Physical],
+            FamilyChoice::Lag => vec![Family::Lag],
+            FamilyChoice::Physical => vec![Family::Physical],
+        },
+        lag: arguments.options(),
+        physical: PhysicalFitOptions::default(),
+    };
     say(&format!("fitting {} flights …", flights.len()));
-    if arguments.family == Family::Physical {
-        return run_physical(arguments, &flights);
-    }
-    let (bank, report) = fit_bank(&flights, &arguments.options()).or_input()?;
+    let (bank, report) = fit_progress::fit(&flights, &options)?;
     let checked = write_and_check(arguments, bank, &flights)?;
     if let Some(folder) = &arguments.report {
         write_json(&folder.join("fit.json"), &report)?;
@@ -139,34 +150,10 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
         print_report(&report, &checked)?;
     }
     say(&format!("wrote {}", arguments.out.display()));
-    Ok(say_findings(&report.findings))
-}
-
-/// Fits the physical family.
-fn run_physical(arguments: &FitArguments, flights: &[Flight]) -> CommandResult {
-    let mut progress = |corner: usize, at: flyvine::model::physical::FitProgress| {
-        if at.start.is_none() {
-            say(&format!(
-                "corner {}, iteration {}: {:.1}",
-                corner + 1,
-                at.iteration,
-                at.objective
-            ));
-        }
-    };
-    let bank = fit_physical_bank(flights, &PhysicalFitOptions::default(), &mut progress).or_input()?;
-    let checked = write_and_check(arguments, bank, flights)?;
-    if let Some(folder) = &arguments.report {
-        write_json(&folder.join("check.json"), &checked)?;
-    }
-    if arguments.json {
-        print_json(&checked)?;
-    } else {
-        print("On the flights themselves (held-out flights: `flyvine check`):")?;
-        print(&check_table(&checked))?;
-    }
-    say(&format!("wrote {}", arguments.out.display()));
-    Ok(Outcome::Done)
+    Ok(match &report.chosen {
+        Chosen::Lag(report) => say_findings(&report.findings),
+        Chosen::Physical(_) => Outcome::Done,
+    })
 }
 
 /// Writes the bank with its inputs, and predicts the flights that it was fitted on.
@@ -188,12 +175,68 @@ pub fn write_json(path: &std::path::Path, value: &impl serde::Serialize) -> Resu
     flyvine::file::write_whole(path, &contents).or_internal()
 }
 
-fn print_report(report: &FitReport, checked: &CheckReport) -> Result<(), Failure> {
+fn print_report(report: &FamiliesReport, checked: &CheckReport) -> Result<(), Failure> {
+    match &report.chosen {
+        Chosen::Lag(lag) => print(&candidate_table(lag))?,
+        Chosen::Physical(physical) => print(&physical_report::tables(physical))?,
+    }
+    if report.trials.iter().any(|trial| trial.score_m().is_some()) {
+        print(&family_table(report))?;
+    }
+    if let Some(band) = &checked.band {
+        print(&format!("band of confidence: {}", band_line(band)))?;
+    }
+    print("On the flights themselves (held-out flights: `flyvine check`):")?;
+    print(&check_table(checked))
+}
+
+/// How the families did on held-out flights.
+fn family_table(report: &FamiliesReport) -> String {
+    let chosen = match report.chosen {
+        Chosen::Lag(_) => Family::Lag,
+        Chosen::Physical(_) => Family::Physical,
+    };
+    let error = |error: &Option<HeldOutError>| {
+        error.map_or("–".to_owned(), |error| {
+            format!("{} ({} windows)", centimetres(error.mean_m), error.windows)
+        })
+    };
+    let diverged = |trial: &FamilyTrial| {
+        let share = [trial.corners, trial.interior]
+            .iter()
+            .flatten()
+            .map(|error| error.diverged_share)
+            .fold(0.0, f64::max);
+        format!("{:.1} %", 100.0 * share)
+    };
+    let rows = report.trials.iter().map(|trial| {
+        vec![
+            if trial.family == chosen { "▶" } else { "" }.to_owned(),
+            trial.family.to_string(),
+            error(&trial.corners),
+            error(&trial.interior),
+            if trial.failure.is_some() {
+                "–".to_owned()
+            } else {
+                diverged(trial)
+            },
+        ]
+    });
+    let header = [
+        "chosen",
+        "family",
+        "held-out rollouts, cm",
+        "interpolated, cm",
+        "diverged",
+    ];
+    table(&header, rows)
+}
+
+fn candidate_table(report: &FitReport) -> String {
     let chosen = &report.chosen;
     let strength = |ridge: Option<f64>| ridge.map_or("–".to_owned(), |value| format!("{value:e}"));
-    let error = |error: &Option<flyvine::model::HeldOutError>| {
-        error.map_or("–".to_owned(), |error| centimetres(error.mean_m))
-    };
+    let error =
+        |error: &Option<HeldOutError>| error.map_or("–".to_owned(), |error| centimetres(error.mean_m));
     let rows = report.candidates.iter().map(|candidate| {
         vec![
             if candidate == chosen { "▶" } else { "" }.to_owned(),
@@ -210,9 +253,7 @@ fn print_report(report: &FitReport, checked: &CheckReport) -> Result<(), Failure
         "held-out rollouts, cm",
         "interpolated, cm",
     ];
-    print(&table(&header, rows))?;
-    print("On the flights themselves (held-out flights: `flyvine check`):")?;
-    print(&check_table(checked))
+    table(&header, rows)
 }
 
 /// Says what the user should know about a fit; the result is not to be trusted if a finding says so.

@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .flat_map(|corner| named(&format!("{corner}_{fitted}")))
         .collect();
     let start = Instant::now();
-    let bank = fit_physical_bank(&members, &options, &mut |_, _| {})?;
+    let (bank, _) = fit_physical_bank(&members, &options, &mut |_, _| {})?;
     println!("fitted in {:.1} s", start.elapsed().as_secs_f64());
     for prefix in ["ES_test", "IS_test", "EL_test", "IL_test", "mid_", "growing_"] {
         print_errors(&bank, &named(prefix))?;

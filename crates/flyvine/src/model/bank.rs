@@ -1,6 +1,7 @@
 //! The models of the configurations that were flown, and the bilinear interpolation between them
 //! (Jitosho et al., Sec. III-B).
 
+use super::band::PredictionBand;
 use super::error::ModelError;
 use super::family::Model;
 use super::options::FitOptions;
@@ -92,6 +93,7 @@ pub struct Bank {
     models: Vec<BankModel>,
     extrapolation: Extrapolation,
     provenance: BankProvenance,
+    band: Option<PredictionBand>,
 }
 
 impl Bank {
@@ -141,7 +143,25 @@ impl Bank {
             models: ordered,
             extrapolation: Extrapolation::Refuse,
             provenance,
+            band: None,
         })
+    }
+
+    /// The same bank with a band of confidence about its predictions.
+    ///
+    /// # Errors
+    /// A radius or horizon that is not finite, or no horizon.
+    pub fn with_band(mut self, band: Option<PredictionBand>) -> Result<Self, ModelError> {
+        if let Some(band) = &band {
+            band.validate()?;
+        }
+        self.band = band;
+        Ok(self)
+    }
+
+    /// How far the end effector may be from a prediction; `None` if no flight was held out to measure it.
+    pub fn band(&self) -> Option<&PredictionBand> {
+        self.band.as_ref()
     }
 
     /// The same bank with another policy for configurations outside its range; a file does not keep it.

@@ -1,5 +1,6 @@
 //! The bank as a JSON file: schema version, units, provenance, models; read back strictly.
 
+use super::band::PredictionBand;
 use super::bank::{Bank, BankModel, BankProvenance, InputFile};
 use super::error::ModelError;
 use crate::file::{sha256_hex, write_whole};
@@ -20,6 +21,8 @@ struct BankFile {
     units: Units,
     provenance: BankProvenance,
     models: Vec<BankModel>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    band: Option<PredictionBand>,
 }
 
 /// Units of every number in the file, and the order of the state.
@@ -49,6 +52,7 @@ impl Serialize for Bank {
             units: units(),
             provenance: self.provenance().clone(),
             models: self.models().to_vec(),
+            band: self.band().cloned(),
         };
         file.serialize(serializer)
     }
@@ -84,7 +88,9 @@ impl<'de> Deserialize<'de> for Bank {
                 SIGNALS.join(", ")
             )));
         }
-        Self::new(file.models, file.provenance).map_err(D::Error::custom)
+        Self::new(file.models, file.provenance)
+            .and_then(|bank| bank.with_band(file.band))
+            .map_err(D::Error::custom)
     }
 }
 

@@ -1,13 +1,10 @@
 //! How well a bank predicts recordings: one-step residuals, rollout errors, stability.
 
+use super::band::PredictionBand;
 use super::bank::Bank;
 use super::error::ModelError;
-use super::family::Model;
-use super::lag::CommandInputs;
-use super::one_step::{one_step_rmse, one_step_rmse_from};
-use super::physical::{self, FlightData, observe};
-use super::rollout::{RolloutError, summarize, window_errors, window_errors_from};
-use super::schedule::ScheduledModel;
+use super::prediction::Prediction;
+use super::rollout::{RolloutError, WindowError, summarize};
 use super::track::Track;
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
@@ -15,20 +12,47 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Horizons of the rollouts, in steps: 0.5, 1, 2.5, 5 and 10 s.
-const HORIZONS: [usize; 5] = [10, 20, 50, 100, 200];
+pub(crate) const HORIZONS: [usize; 5] = [10, 20, 50, 100, 200];
 
-/// Rows in a row that must be valid where a physical model's windows start, as for three lags.
-const OBSERVED_ROWS: usize = 3;
-
-type FlatState = [f64; physical::STATE_LEN];
+/// In a swing the arm leans farther than this from below the quadrotor, rad (30°).
+const SWING_ANGLE: f64 = std::f64::consts::FRAC_PI_6;
 
 /// How well a bank predicts recordings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CheckReport {
     /// One entry per flight, in the order given.
     pub flights: Vec<FlightCheck>,
+    /// All flights together: every window, then the swings, then the rest; a horizon each.
+    #[serde(default)]
+    pub pooled: Vec<PooledError>,
     /// One entry per model of the bank.
     pub models: Vec<ModelCheck>,
+    /// The bank's band of confidence, if it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub band: Option<PredictionBand>,
+}
+
+/// Which windows an error is pooled over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WindowKind {
+    /// All of them.
+    All,
+    /// Windows in which the arm leans farther than 30° from below the quadrotor.
+    Swings,
+    /// The others.
+    Rest,
+}
+
+/// Rollout error over the windows of several flights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PooledError {
+    /// Which windows.
+    pub kind: WindowKind,
+    /// Their error.
+    pub error: RolloutError,
+    /// Name of the flight with the worst window.
+    pub worst_flight: Option<String>,
 }
 
 /// How well a bank predicts one recording.
@@ -77,70 +101,91 @@ pub fn check(bank: &Bank, flights: &[Flight]) -> Result<CheckReport, ModelError>
             })
         })
         .collect::<Result<_, ModelError>>()?;
-    let named = |flight: &Flight| {
-        check_flight(bank, flight).map_err(|source| ModelError::Flight {
-            flight: flight.name.clone(),
-            source: Box::new(source),
-        })
+    let predicted = |flight| {
+        let prediction = predict(bank, flight)?;
+        let windows = prediction.windows(&HORIZONS);
+        Ok(Predicted { prediction, windows })
     };
+    let predicted: Vec<Predicted> = flights
+        .par_iter()
+        .map(predicted)
+        .collect::<Result<_, ModelError>>()?;
+    let band = bank.band();
+    let kinds = [WindowKind::All, WindowKind::Swings, WindowKind::Rest];
     Ok(CheckReport {
-        flights: flights.par_iter().map(named).collect::<Result<_, _>>()?,
+        flights: predicted.iter().map(|own| check_flight(own, band)).collect(),
+        pooled: kinds
+            .into_iter()
+            .flat_map(|kind| pooled(&predicted, kind, band))
+            .collect(),
         models,
+        band: band.cloned(),
     })
 }
 
-fn check_flight(bank: &Bank, flight: &Flight) -> Result<FlightCheck, ModelError> {
-    let inputs = match &bank.models()[0].model {
-        Model::Lag(first) => first.inputs(),
-        Model::Physical(_) => CommandInputs::Position,
-    };
-    let track = Track::new(flight, inputs)?;
+/// [`Prediction::new`], whose error names the flight.
+pub(crate) fn predict<'a>(bank: &Bank, flight: &'a Flight) -> Result<Prediction<'a>, ModelError> {
+    Prediction::new(bank, flight).map_err(|source| ModelError::Flight {
+        flight: flight.name.clone(),
+        source: Box::new(source),
+    })
+}
+
+/// A flight and its windows, per horizon.
+struct Predicted<'a> {
+    prediction: Prediction<'a>,
+    windows: Vec<Vec<WindowError>>,
+}
+
+fn check_flight(predicted: &Predicted, band: Option<&PredictionBand>) -> FlightCheck {
+    let track = &predicted.prediction.track;
     let configurations = track.configurations();
-    let model = bank.scheduled(&configurations)?;
-    let rows = 0..track.rows();
-    let (windows, one_step_rmse) = match hidden_states(&model, flight)? {
-        None => (
-            window_errors(&model, &track, rows, &HORIZONS),
-            one_step_rmse(&model, &[&track]),
-        ),
-        Some(states) => {
-            let estimate = |row: usize, state: &mut [f64]| state.copy_from_slice(&states[row]);
-            let one_step = |_, row: usize, state: &mut [f64]| estimate(row, state);
-            (
-                window_errors_from(&model, &track, rows, &HORIZONS, OBSERVED_ROWS, &estimate),
-                one_step_rmse_from(&model, &[&track], OBSERVED_ROWS, &one_step),
-            )
-        }
+    let error = |(&steps, list): (&usize, &Vec<WindowError>)| {
+        let windows: Vec<_> = list.iter().map(|window| (track, window)).collect();
+        summarize(steps, &windows, band).0
     };
-    Ok(FlightCheck {
-        path: flight.name.clone(),
+    FlightCheck {
+        path: track.flight.name.clone(),
         configuration: configurations[0],
         last_configuration: track
             .constant_configuration()
             .is_none()
             .then(|| configurations[configurations.len() - 1]),
-        one_step_rmse,
-        rollout: HORIZONS
-            .iter()
-            .zip(&windows)
-            .map(|(&steps, list)| summarize(&track, steps, list))
-            .collect(),
-    })
+        one_step_rmse: predicted.prediction.one_step_rmse(),
+        rollout: HORIZONS.iter().zip(&predicted.windows).map(error).collect(),
+    }
 }
 
-/// The states of a physical model along `flight`, estimated row by row from the poses up to that row; `None` for
-/// a model whose state is made of lags. Rows outside every observed stretch are zero: no window starts there.
-fn hidden_states(model: &ScheduledModel, flight: &Flight) -> Result<Option<Vec<FlatState>>, ModelError> {
-    let Model::Physical(_) = model.at_knot(0) else {
-        return Ok(None);
+/// The windows of one kind of all flights, per horizon.
+fn pooled(predicted: &[Predicted], kind: WindowKind, band: Option<&PredictionBand>) -> Vec<PooledError> {
+    let at_horizon = |(number, &steps): (usize, &usize)| {
+        let windows: Vec<(&Track, &WindowError)> = predicted
+            .iter()
+            .flat_map(|own| {
+                own.windows[number]
+                    .iter()
+                    .map(move |window| (&own.prediction.track, window))
+            })
+            .filter(|(track, window)| {
+                kind == WindowKind::All
+                    || (kind == WindowKind::Swings) == is_swing(track, window.start, steps)
+            })
+            .collect();
+        let (error, worst) = summarize(steps, &windows, band);
+        PooledError {
+            kind,
+            error,
+            worst_flight: worst.map(|track| track.flight.name.clone()),
+        }
     };
-    let mut states = vec![[0.0; physical::STATE_LEN]; flight.samples.len()];
-    for stretch in FlightData::stretches(flight)? {
-        let Model::Physical(first) = model.at_knot(stretch.first_row) else {
-            unreachable!("a bank holds models of one family");
-        };
-        let estimates = observe(model, &first.parameters, &stretch, 0)?;
-        states[stretch.first_row..][..estimates.len()].copy_from_slice(&estimates);
-    }
-    Ok(Some(states))
+    HORIZONS.iter().enumerate().map(at_horizon).collect()
+}
+
+/// Whether the arm leans far in any of `steps` rows from `start` on.
+fn is_swing(track: &Track, start: usize, steps: usize) -> bool {
+    (start..=start + steps).any(|row| {
+        let x = track.state(row);
+        let (dx, dy, dz) = (x[6] - x[0], x[7] - x[1], x[8] - x[2]);
+        dx.hypot(dy).atan2(-dz) > SWING_ANGLE
+    })
 }

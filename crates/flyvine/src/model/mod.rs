@@ -12,14 +12,17 @@
 //!   plans start; [`Model::spectral_radius`] says whether predictions run away.
 //! - [`statistics`]: what the regression of each row says about itself.
 //! - [`LagModel::read_matrix`]: linear models published as a matrix.
-//! - [`fit_physical_bank`]: the same with the physical family ([`physical`]).
+//! - [`fit_physical_bank`]: the same with the physical family ([`physical`]). [`fit_families`]: whichever family
+//!   predicts held-out flights better, with a band of confidence about its predictions.
 //! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
 
+mod band;
 mod bank;
 mod bank_file;
 mod check;
 mod corner;
 mod error;
+mod families;
 mod family;
 mod features;
 mod fit;
@@ -30,6 +33,7 @@ mod one_step;
 mod options;
 pub mod physical;
 mod physical_bank;
+mod prediction;
 mod refine;
 mod rollout;
 mod schedule;
@@ -38,18 +42,22 @@ mod stability;
 pub mod statistics;
 mod track;
 
+pub use band::{BAND_CONFIDENCE, PredictionBand};
 pub use bank::{
     Bank, BankModel, BankProvenance, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
     PRESSURE_TOLERANCE_KPA,
 };
 pub use bank_file::BANK_SCHEMA_VERSION;
-pub use check::{CheckReport, FlightCheck, ModelCheck, check};
+pub use check::{CheckReport, FlightCheck, ModelCheck, PooledError, WindowKind, check};
 pub use error::ModelError;
+pub use families::{
+    Chosen, FamiliesReport, Family, FamilyOptions, FamilyProgress, FamilyTrial, fit_families,
+};
 pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
-pub use physical_bank::fit_physical_bank;
+pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError, RefinementTrial};

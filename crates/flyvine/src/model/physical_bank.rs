@@ -3,23 +3,53 @@
 use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use super::error::ModelError;
 use super::family::Model;
-use super::fit::{group, refuse_duplicates};
+use super::fit::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{
-    FitProgress, PARAMETER_COUNT, PhysicalFitOptions, PhysicalModel, fit_physical, pooled_vehicle,
+    FitProgress, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions, PhysicalModel,
+    fit_physical, fit_shared_vehicle,
 };
 use crate::flight::{Configuration, Flight};
 use nalgebra::DMatrix;
+use serde::Serialize;
 use std::collections::BTreeMap;
+
+/// What a fit of the physical family found, corner by corner.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PhysicalFitReport {
+    /// One per corner, in the order of the bank's models.
+    pub corners: Vec<CornerFit>,
+    /// Names of the flights that were not fitted: at interior configurations, or with one that changes.
+    pub cross_checked: Vec<String>,
+}
+
+/// The fit of one corner.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CornerFit {
+    /// Which.
+    pub configuration: Configuration,
+    /// Names of its flights.
+    pub flights: Vec<String>,
+    /// Rows simulated.
+    pub rows: usize,
+    /// Iterations on whole flights.
+    pub iterations: usize,
+    /// Whether the objective had stopped decreasing.
+    pub converged: bool,
+    /// Mean distance of the simulated end effector from where it was seen, m, over whole flights from their start.
+    pub tip_error_m: f64,
+    /// Every parameter.
+    pub parameters: Vec<ParameterEstimate>,
+}
 
 /// Fits one physical model per corner of the flown (pressure, length) range and joins them in a bank.
 ///
-/// The vehicle is the same whatever the arm's configuration: every corner is fitted on its own first, then the
-/// vehicle that they agree on ([`pooled_vehicle`]) is held and the arms are fitted again, so that what the bank
-/// interpolates is the arm alone. With a single corner the first fit is kept. Flights at interior configurations
-/// and flights whose configuration changes are not fitted.
+/// The vehicle is the same whatever the arm's configuration: every corner is fitted on its own first, then all
+/// together with one vehicle ([`fit_shared_vehicle`]), so that what the bank interpolates is the arm alone. With a
+/// single corner the first fit is kept. Flights at interior configurations and flights whose configuration changes
+/// are not fitted.
 ///
-/// `progress` is called with the corner's number and where its fit is.
+/// `progress` is called with the configuration that is being fitted (`None`: all of them) and where its fit is.
 ///
 /// # Errors
 /// No flight with a constant configuration, a corner without flights, the same recording given twice, or as
@@ -27,44 +57,116 @@ use std::collections::BTreeMap;
 pub fn fit_physical_bank(
     flights: &[Flight],
     options: &PhysicalFitOptions,
-    progress: &mut dyn FnMut(usize, FitProgress),
-) -> Result<Bank, ModelError> {
+    progress: &mut dyn FnMut(Option<Configuration>, FitProgress),
+) -> Result<(Bank, PhysicalFitReport), ModelError> {
     refuse_duplicates(flights)?;
-    let corners: Vec<(Configuration, Vec<Flight>)> = group(flights)?
-        .corners
-        .into_iter()
-        .map(|(configuration, members)| {
-            let members = members.into_iter().map(|index| flights[index].clone()).collect();
-            (configuration, members)
-        })
-        .collect();
+    let groups = group(flights)?;
     let mut fits: Vec<PhysicalModel> = Vec::new();
-    for (number, (_, members)) in corners.iter().enumerate() {
-        fits.push(fit_physical(members, options, &mut |at| progress(number, at))?);
+    for (configuration, members) in &groups.corners {
+        let members = chosen(flights, members);
+        fits.push(fit_physical(&members, options, &mut |at| {
+            progress(Some(*configuration), at)
+        })?);
     }
-    if fits.len() > 1 && options.vehicle.is_none() {
-        let vehicle = pooled_vehicle(&fits)?;
-        for (number, (_, members)) in corners.iter().enumerate() {
-            let options = PhysicalFitOptions {
-                vehicle: Some(vehicle),
-                starts: vec![fits[number].parameters],
-                ..options.clone()
-            };
-            fits[number] = fit_physical(members, &options, &mut |at| progress(number, at))?;
-        }
+    if fits.len() > 1 {
+        let own: Vec<_> = fits.iter().map(|fit| fit.parameters).collect();
+        fits = shared_vehicle(flights, &groups, &own, options, progress)?;
     }
-    let models = corners
+    join(flights, &groups, fits)
+}
+
+/// Fits the physical family again, beginning with the models of `bank`: on more flights, or others.
+///
+/// # Errors
+/// As [`fit_physical_bank`]; `bank` is of another family, or does not cover the flights.
+pub fn refit_physical_bank(
+    bank: &Bank,
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(Option<Configuration>, FitProgress),
+) -> Result<(Bank, PhysicalFitReport), ModelError> {
+    refuse_duplicates(flights)?;
+    let groups = group(flights)?;
+    let start = |(configuration, _): &(Configuration, Vec<usize>)| match bank.at(*configuration)? {
+        Model::Physical(model) => Ok(model.parameters),
+        Model::Lag(_) => Err(ModelError::Unsupported {
+            what: "bank to begin a physical fit with",
+            found: "the lag family".into(),
+            expected: "the physical family".into(),
+        }),
+    };
+    let starts = groups
+        .corners
+        .iter()
+        .map(start)
+        .collect::<Result<Vec<_>, ModelError>>()?;
+    let fits = shared_vehicle(flights, &groups, &starts, options, progress)?;
+    join(flights, &groups, fits)
+}
+
+fn shared_vehicle(
+    flights: &[Flight],
+    groups: &Groups,
+    starts: &[Parameters<f64>],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(Option<Configuration>, FitProgress),
+) -> Result<Vec<PhysicalModel>, ModelError> {
+    let members: Vec<_> = groups
+        .corners
+        .iter()
+        .map(|(_, members)| chosen(flights, members))
+        .collect();
+    let fits = fit_shared_vehicle(&members, starts, options, &mut |at| progress(None, at))?;
+    Ok(fits)
+}
+
+fn chosen(flights: &[Flight], members: &[usize]) -> Vec<Flight> {
+    members.iter().map(|&index| flights[index].clone()).collect()
+}
+
+fn join(
+    flights: &[Flight],
+    groups: &Groups,
+    fits: Vec<PhysicalModel>,
+) -> Result<(Bank, PhysicalFitReport), ModelError> {
+    let models: Vec<BankModel> = groups
+        .corners
         .iter()
         .zip(fits)
         .map(|((configuration, _), fit)| bank_model(*configuration, fit))
         .collect::<Result<_, _>>()?;
+    let report = PhysicalFitReport {
+        corners: models.iter().filter_map(corner_fit).collect(),
+        cross_checked: groups
+            .interior
+            .iter()
+            .map(|&index| flights[index].name.clone())
+            .collect(),
+    };
     let provenance = BankProvenance {
         tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
         inputs: Vec::new(),
         options: FitOptions::default(),
         chosen: None,
     };
-    Bank::new(models, provenance)
+    Ok((Bank::new(models, provenance)?, report))
+}
+
+/// What there is to say about the fit of one of the bank's models.
+fn corner_fit(model: &BankModel) -> Option<CornerFit> {
+    let Model::Physical(physical) = &model.model else {
+        return None;
+    };
+    let summary = physical.fit.as_ref()?;
+    Some(CornerFit {
+        configuration: model.configuration,
+        flights: summary.flights.clone(),
+        rows: summary.rows,
+        iterations: summary.iterations,
+        converged: summary.converged,
+        tip_error_m: summary.tip_error_m,
+        parameters: physical.estimates(),
+    })
 }
 
 fn bank_model(configuration: Configuration, fit: PhysicalModel) -> Result<BankModel, ModelError> {
@@ -108,8 +210,8 @@ fn condition_number(covariance: &[Vec<f64>]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::check;
+    use super::super::physical::ArmLength;
     use super::super::physical::synthetic::{random_commands, simulate_flight};
-    use super::super::physical::{ArmLength, Parameters};
     use super::*;
     use crate::trajopt::Dynamics;
 
@@ -132,7 +234,8 @@ mod tests {
     #[test]
     fn a_bank_of_two_lengths_shares_one_vehicle_and_predicts_its_flights() {
         let flights = flights();
-        let bank = fit_physical_bank(&flights, &quick(), &mut |_, _| {}).unwrap();
+        let (bank, fitted) = fit_physical_bank(&flights, &quick(), &mut |_, _| {}).unwrap();
+        assert_eq!(fitted.corners.len(), 2);
         let parameters: Vec<&Parameters<f64>> = bank
             .models()
             .iter()

@@ -4,6 +4,7 @@
 //! The error of a window is the mean 3-D end-effector distance over its steps; a window has *diverged* when a
 //! prediction is not finite or more than 1 m off anywhere in it. Windows that contain a rejected row are skipped.
 
+use super::band::PredictionBand;
 use super::lag::STATE_LEN;
 use super::track::Track;
 use crate::trajopt::Dynamics;
@@ -22,6 +23,8 @@ pub(crate) struct WindowError {
     pub start: usize,
     /// Mean 3-D distance, m; infinite if a prediction was not finite.
     pub mean_m: f64,
+    /// Distance at its last step, m; likewise.
+    pub last_m: f64,
     pub diverged: bool,
 }
 
@@ -44,6 +47,9 @@ pub struct RolloutError {
     pub worst_start_s: Option<f64>,
     /// Share of the windows that diverged, 0 to 1.
     pub diverged_share: f64,
+    /// Share of the windows whose end lies within the bank's band of confidence; `None` without a band.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_band: Option<f64>,
 }
 
 /// Rolls `dynamics` out from every window start in `rows` of `track` (with all lags and steps inside `rows`) and
@@ -97,7 +103,7 @@ fn roll_window(
 ) -> Vec<WindowError> {
     let mut fresh = vec![0.0; dynamics.fresh_len()];
     let mut errors = Vec::with_capacity(horizons.len());
-    let (mut sum, mut worst) = (0.0_f64, 0.0_f64);
+    let (mut sum, mut worst, mut last) = (0.0_f64, 0.0_f64, 0.0_f64);
     for step in 1..=horizons[horizons.len() - 1] {
         if sum.is_finite() {
             let row = start + step - 1;
@@ -111,12 +117,14 @@ fn roll_window(
             };
             sum += distance;
             worst = worst.max(distance);
+            last = distance;
         }
         if horizons.contains(&step) {
             let diverged = worst > DIVERGED_M;
             errors.push(WindowError {
                 start,
                 mean_m: sum / step as f64,
+                last_m: last,
                 diverged,
             });
         }
@@ -136,26 +144,34 @@ fn tip_distance(a: &[f64], b: &[f64]) -> f64 {
     (6..9).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Median, percentile and worst of `windows` of `horizon` steps.
-pub(crate) fn summarize(track: &Track, horizon: usize, windows: &[WindowError]) -> RolloutError {
-    let mut sorted: Vec<f64> = windows.iter().map(|window| window.mean_m).collect();
+/// Median, percentile and worst of `windows` of `horizon` steps, and where the worst is.
+pub(crate) fn summarize<'a>(
+    horizon: usize,
+    windows: &[(&'a Track<'a>, &WindowError)],
+    band: Option<&PredictionBand>,
+) -> (RolloutError, Option<&'a Track<'a>>) {
+    let mut sorted: Vec<f64> = windows.iter().map(|(_, window)| window.mean_m).collect();
     sorted.sort_by(f64::total_cmp);
     let finite = |value: f64| value.is_finite().then_some(value);
-    let worst = windows.iter().max_by(|a, b| a.mean_m.total_cmp(&b.mean_m));
-    let diverged = windows.iter().filter(|window| window.diverged).count();
-    RolloutError {
-        horizon_s: horizon as f64 * crate::DT,
+    let worst = windows.iter().max_by(|a, b| a.1.mean_m.total_cmp(&b.1.mean_m));
+    let share = |of: &dyn Fn(&WindowError) -> bool| {
+        let count = windows.iter().filter(|(_, window)| of(window)).count();
+        count as f64 / windows.len().max(1) as f64
+    };
+    let horizon_s = horizon as f64 * crate::DT;
+    let error = RolloutError {
+        horizon_s,
         windows: windows.len(),
         median_m: quantile(&sorted, 0.5).and_then(finite),
         p95_m: quantile(&sorted, 0.95).and_then(finite),
-        worst_m: worst.and_then(|window| finite(window.mean_m)),
-        worst_start_s: worst.map(|window| track.flight.samples[window.start].t_s),
-        diverged_share: if windows.is_empty() {
-            0.0
-        } else {
-            diverged as f64 / windows.len() as f64
-        },
-    }
+        worst_m: worst.and_then(|(_, window)| finite(window.mean_m)),
+        worst_start_s: worst.map(|(track, window)| track.flight.samples[window.start].t_s),
+        diverged_share: share(&|window| window.diverged),
+        within_band: band
+            .filter(|_| !windows.is_empty())
+            .map(|band| share(&|window| window.last_m <= band.radius_m(horizon_s))),
+    };
+    (error, worst.map(|(track, _)| *track))
 }
 
 /// Quantile of ascending values by linear interpolation between order statistics (Hyndman & Fan's type 7).
@@ -255,7 +271,9 @@ mod tests {
         for window in &windows[1] {
             assert!((window.mean_m - 0.05 * 15.5).abs() < 1e-12 && window.diverged);
         }
-        let summary = summarize(&track, 30, &windows[1]);
+        let pairs: Vec<_> = windows[1].iter().map(|window| (&track, window)).collect();
+        let (summary, worst) = summarize(30, &pairs, None);
+        assert_eq!(worst.unwrap().flight.name, "drifting");
         assert_eq!((summary.windows, summary.diverged_share), (7, 1.0));
         assert!((summary.horizon_s - 1.5).abs() < 1e-12);
     }

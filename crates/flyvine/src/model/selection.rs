@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Horizons that a candidate is judged at, in steps: a swing's (2.5 s) and a lemniscate's (10 s).
-const HORIZONS: [usize; 2] = [50, 200];
+pub(crate) const HORIZONS: [usize; 2] = [50, 200];
 /// A window that has diverged counts as this error, m: how far and how late does not matter.
 const DIVERGED_COUNTS_M: f64 = 1.0;
 /// Scores within this factor of each other are nearly equal.
@@ -258,7 +258,7 @@ impl CrossValidation<'_> {
 }
 
 /// Pools windows of several flights (outer index), per horizon (inner index).
-fn pool(flights: &[Vec<Vec<WindowError>>]) -> Option<HeldOutError> {
+pub(crate) fn pool(flights: &[Vec<Vec<WindowError>>]) -> Option<HeldOutError> {
     let (mut means, mut windows, mut diverged) = (Vec::new(), 0, 0);
     for horizon in 0..HORIZONS.len() {
         let here: Vec<&WindowError> = flights.iter().flat_map(|flight| &flight[horizon]).collect();

@@ -64,7 +64,8 @@ pub fn autopilot<S: Scalar>(
         THRUST_MINIMUM,
         THRUST_ROUNDING,
     );
-    let thrust_setpoint = limit_from_above(lifted, p.thrust_maximum);
+    let total_mass = p.joint_mass + p.tip_mass + 1.0;
+    let thrust_setpoint = limit_from_above(lifted, p.thrust_maximum / total_mass);
 
     // Integrator, with what the tilt limit cut off fed back (tracking anti-windup, gain 2 / P).
     let excess = Vector([wanted.0[0] - ax, wanted.0[1] - ay, S::from(0.0)]);

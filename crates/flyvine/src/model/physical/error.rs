@@ -85,9 +85,6 @@ pub enum PhysicalError {
         /// The length it should have.
         expected: usize,
     },
-    /// A model without a usable covariance, where one is needed.
-    #[error("a model without a positive definite covariance of its parameters cannot be pooled")]
-    NoCovariance,
     /// No start of the fit gave a simulation that stayed finite.
     #[error("the physical model's simulation diverged from every start of the fit")]
     Diverged,

@@ -22,7 +22,8 @@
 //! - [`PARAMETERS`] is the table of parameters: names, units, bounds, priors. [`Parameters::mean`] interpolates
 //!   between configurations: positive parameters geometrically, others arithmetically, lengths by the arm's own.
 //! - [`fit_physical`]: flights of one configuration → [`PhysicalModel`] (serializable, with its provenance and
-//!   the posterior covariance).
+//!   the posterior covariance); [`fit_shared_vehicle`]: of several configurations, flown by one vehicle.
+//!   [`PhysicalModel::estimates`]: every parameter with its standard error, and whether it was determined.
 //! - [`PhysicalModel`] is [`crate::trajopt::Dynamics`]; all derivatives are exact, by forward-mode differentiation
 //!   of the same code (`scalar.rs`). Along a schedule it is a [`super::ScheduledModel`], which knows the growth.
 //! - [`observe`] estimates the hidden states from a flight's poses by an extended Kalman filter: rollouts
@@ -32,6 +33,7 @@ mod arm;
 mod autopilot;
 mod dynamics;
 mod error;
+mod estimates;
 mod fit;
 mod flight_data;
 mod limits;
@@ -47,9 +49,10 @@ mod vector;
 
 pub use arm::ArmLength;
 pub use error::PhysicalError;
-pub use fit::{FitProgress, PhysicalFitOptions, fit_physical};
+pub use estimates::ParameterEstimate;
+pub use fit::{FitProgress, FitStage, PhysicalFitOptions, fit_physical, fit_shared_vehicle};
 pub use flight_data::{FlightData, Observed, arm_lengths};
-pub use model::{FitSummary, PhysicalModel, pooled_vehicle};
+pub use model::{FitSummary, PhysicalModel};
 pub use observer::{Observer, observe};
 pub use parameters::{PARAMETER_COUNT, PARAMETERS, ParameterInfo, Parameters, Part, Scale};
 pub use state::{OUTPUT_LEN, STATE_LEN};

@@ -3,10 +3,9 @@
 use super::arm::ArmLength;
 use super::error::PhysicalError;
 use super::fit::PhysicalFitOptions;
-use super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
+use super::parameters::{PARAMETER_COUNT, Parameters};
 use super::state::{STATE_LEN, State};
 use crate::flight::Configuration;
-use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// A physical model at one configuration, as [`crate::trajopt::Dynamics`] for an arm of one length and growth.
@@ -36,7 +35,9 @@ pub struct FitSummary {
     pub configuration: Configuration,
     /// Rows simulated.
     pub rows: usize,
-    /// The objective at the parameters.
+    /// Mean distance of the simulated end effector from where it was seen, m, over whole flights.
+    pub tip_error_m: f64,
+    /// The objective at the parameters, of all configurations that were fitted together.
     pub objective: f64,
     /// Iterations on whole flights.
     pub iterations: usize,
@@ -136,44 +137,6 @@ impl PhysicalModel {
     }
 }
 
-/// The vehicle that several fits, of arms in different configurations, agree on: the mean of their vehicle
-/// parameters weighted by their precision, `(Σ S_c)⁻¹ Σ S_c a_c`, where `S_c` is the inverse of the posterior
-/// covariance of those parameters' coordinates. The arm's parameters of the result are the first model's.
-///
-/// # Errors
-/// No model, or one without a (positive definite) covariance.
-pub fn pooled_vehicle(models: &[PhysicalModel]) -> Result<Parameters<f64>, PhysicalError> {
-    let vehicle: Vec<usize> = (0..PARAMETER_COUNT)
-        .filter(|&i| PARAMETERS[i].part == Part::Vehicle)
-        .collect();
-    let count = vehicle.len();
-    let mut precision = DMatrix::zeros(count, count);
-    let mut weighted = DVector::zeros(count);
-    for model in models {
-        model.validate()?;
-        let coordinates = model.parameters.coordinates();
-        let own = DVector::from_fn(count, |i, _| coordinates[vehicle[i]]);
-        let covariance = (model.covariance.len() == PARAMETER_COUNT)
-            .then(|| DMatrix::from_fn(count, count, |i, j| model.covariance[vehicle[i]][vehicle[j]]));
-        let inverse = covariance
-            .and_then(DMatrix::cholesky)
-            .ok_or(PhysicalError::NoCovariance)?
-            .inverse();
-        weighted += &inverse * own;
-        precision += inverse;
-    }
-    let first = models.first().ok_or(PhysicalError::NoFlights)?;
-    let pooled = precision
-        .cholesky()
-        .ok_or(PhysicalError::NoCovariance)?
-        .solve(&weighted);
-    let mut coordinates = first.parameters.coordinates();
-    for (i, &index) in vehicle.iter().enumerate() {
-        coordinates[index] = pooled[i];
-    }
-    Ok(Parameters::from_coordinates(coordinates))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -195,33 +158,5 @@ mod tests {
             bad.validate(),
             Err(PhysicalError::Shape { found: 3, .. })
         ));
-    }
-
-    #[test]
-    fn pooling_weighs_by_precision_and_leaves_the_arm_alone() {
-        let diagonal = |variance: f64| {
-            (0..PARAMETER_COUNT)
-                .map(|i| {
-                    (0..PARAMETER_COUNT)
-                        .map(|j| if i == j { variance } else { 0.0 })
-                        .collect()
-                })
-                .collect()
-        };
-        let mut sure = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
-        let mut unsure = sure.clone();
-        (sure.covariance, unsure.covariance) = (diagonal(0.01), diagonal(0.03));
-        (
-            sure.parameters.position_gain_xy,
-            unsure.parameters.position_gain_xy,
-        ) = (1.0, 2.0);
-        unsure.parameters.tip_mass = 0.5;
-        let pooled = pooled_vehicle(&[sure.clone(), unsure.clone()]).unwrap();
-        // Weights 3 : 1 on the logarithm.
-        assert!((pooled.position_gain_xy - 2.0_f64.powf(0.25)).abs() < 1e-12);
-        assert_eq!(pooled.tip_mass, sure.parameters.tip_mass);
-        unsure.covariance.clear();
-        assert_eq!(pooled_vehicle(&[sure, unsure]), Err(PhysicalError::NoCovariance));
-        assert_eq!(pooled_vehicle(&[]), Err(PhysicalError::NoFlights));
     }
 }

@@ -89,7 +89,7 @@ parameters! {
     Vehicle derivative_time_constant: "s", 0.03 in 0.001..0.3, Log 0.5, "low-pass of the velocity derivative";
     Vehicle vertical_speed_limit: "m/s", 2.0 in 0.5..5.0, Log 0.5, "largest commanded vertical velocity";
     Vehicle tilt_limit: "rad", 0.785 in 0.3..1.2, Log 0.3, "largest commanded tilt";
-    Vehicle thrust_maximum: "m/s^2", 23.0 in 14.0..40.0, Log 0.2, "largest collective thrust per total mass";
+    Vehicle thrust_maximum: "m/s^2", 30.0 in 16.0..60.0, Log 0.2, "largest collective thrust per quadrotor mass";
     Vehicle attitude_gain: "1/s", 6.5 in 1.0..30.0, Log 0.5, "commanded body rate per attitude error";
     Vehicle rate_limit: "rad/s", 3.8 in 1.0..10.0, Log 0.3, "largest commanded body rate";
     Vehicle rate_gain: "1/s", 20.0 in 5.0..100.0, Log 0.5, "angular acceleration per body-rate error";

@@ -1,7 +1,8 @@
 //! Levenberg–Marquardt with bounds, over the coordinates of the parameters.
 
 use super::super::parameters::{PARAMETERS, Parameters, Scale};
-use super::residual::{Column, NormalEquations, Objective};
+use super::problem::{Problem, Quadratic};
+use nalgebra::DVector;
 
 /// Relative decrease below which the minimum is reached.
 const TOLERANCE: f64 = 1e-3;
@@ -12,52 +13,61 @@ const LONGEST_STEP: (f64, f64) = (0.7, 0.1);
 
 /// Where and how a minimization ended.
 pub struct Minimum {
-    /// The best parameters.
-    pub parameters: Parameters<f64>,
+    /// The best parameters, one set per configuration.
+    pub parameters: Vec<Parameters<f64>>,
     /// The objective there.
     pub value: f64,
+    /// Mean distance of the simulated end effector from where it was seen, m.
+    pub tip_error_m: f64,
     /// It decreased by less than the tolerance in the last iteration.
     pub converged: bool,
     /// Iterations done.
     pub iterations: usize,
 }
 
-/// Minimizes `objective` from `start`; parameters in `held` stay, the others stay within their bounds.
+/// Minimizes `problem` from `start`; held parameters stay, the others stay within their bounds. `progress` is
+/// called after every iteration.
 ///
 /// Each iteration solves `(H + λ diag H) δ = −g` over the parameters that no bound stops and tries the step,
 /// with λ a fifth after a success and five times after a failure.
 pub fn minimize(
-    objective: &Objective,
-    start: &Parameters<f64>,
-    held: &[&str],
+    problem: &Problem,
+    start: Vec<Parameters<f64>>,
     max_iterations: usize,
-    progress: &mut dyn FnMut(usize, f64),
+    progress: &mut dyn FnMut(&Minimum),
 ) -> Minimum {
+    let (value, simulated) = problem.value(&start);
     let mut best = Minimum {
-        parameters: *start,
-        value: objective.value(start),
+        parameters: start,
+        value,
+        tip_error_m: simulated.tip_error_m(),
         converged: false,
         iterations: 0,
     };
     let mut damping = 1e-2;
     while best.iterations < max_iterations && best.value.is_finite() {
         let before = best.value;
-        let equations = objective.normal_equations(&best.parameters);
+        let quadratic = problem.quadratic(&best.parameters);
         for _ in 0..MAX_TRIALS {
-            let candidate = damped_step(&equations, &best.parameters, held, damping);
-            let value = candidate.map_or(f64::INFINITY, |parameters| objective.value(&parameters));
-            if let (true, Some(parameters)) = (value < best.value, candidate) {
-                best.parameters = parameters;
-                best.value = value;
-                damping = (0.2 * damping).max(1e-7);
-                break;
+            if let Some(parameters) = damped_step(problem, &quadratic, &best.parameters, damping) {
+                let (value, simulated) = problem.value(&parameters);
+                if value < best.value {
+                    best = Minimum {
+                        parameters,
+                        value,
+                        tip_error_m: simulated.tip_error_m(),
+                        ..best
+                    };
+                    damping = (0.2 * damping).max(1e-7);
+                    break;
+                }
             }
             damping *= 5.0;
         }
         best.iterations += 1;
-        progress(best.iterations, best.value);
-        if before - best.value <= TOLERANCE * before {
-            best.converged = true;
+        best.converged = before - best.value <= TOLERANCE * before;
+        progress(&best);
+        if best.converged {
             break;
         }
     }
@@ -66,33 +76,35 @@ pub fn minimize(
 
 /// The parameters after one damped step; `None` if the equations are singular.
 fn damped_step(
-    equations: &NormalEquations,
-    parameters: &Parameters<f64>,
-    held: &[&str],
+    problem: &Problem,
+    quadratic: &Quadratic,
+    parameters: &[Parameters<f64>],
     damping: f64,
-) -> Option<Parameters<f64>> {
-    let values = parameters.to_array();
-    let mut hessian = equations.hessian;
-    let mut gradient = equations.gradient;
-    for (i, info) in PARAMETERS.iter().enumerate() {
-        let stopped_below = values[i] <= info.lower && gradient[i] > 0.0;
-        let stopped_above = values[i] >= info.upper && gradient[i] < 0.0;
-        if stopped_below || stopped_above || held.contains(&info.name) {
-            hessian.row_mut(i).fill(0.0);
-            hessian.column_mut(i).fill(0.0);
-            hessian[(i, i)] = 1.0;
-            gradient[i] = 0.0;
+) -> Option<Vec<Parameters<f64>>> {
+    let (mut hessian, mut gradient) = (quadratic.hessian.clone(), quadratic.gradient.clone());
+    for (entry, (configuration, i)) in problem.entries().enumerate() {
+        let (info, value) = (&PARAMETERS[i], parameters[configuration].to_array()[i]);
+        let stopped_below = value <= info.lower && gradient[entry] > 0.0;
+        let stopped_above = value >= info.upper && gradient[entry] < 0.0;
+        if stopped_below || stopped_above || problem.held.contains(&info.name) {
+            hessian.row_mut(entry).fill(0.0);
+            hessian.column_mut(entry).fill(0.0);
+            hessian[(entry, entry)] = 1.0;
+            gradient[entry] = 0.0;
         }
-        hessian[(i, i)] *= 1.0 + damping;
+        hessian[(entry, entry)] *= 1.0 + damping;
     }
-    let step: Column = -hessian.cholesky()?.solve(&gradient);
-    let mut coordinates = parameters.coordinates();
-    for (i, info) in PARAMETERS.iter().enumerate() {
-        let longest = match info.scale {
-            Scale::Log => LONGEST_STEP.0,
-            Scale::Linear => LONGEST_STEP.1,
-        };
-        coordinates[i] += step[i].clamp(-longest, longest);
-    }
-    Some(Parameters::from_coordinates(coordinates))
+    let step: DVector<f64> = -hessian.cholesky()?.solve(&gradient);
+    let moved = |(number, own): (usize, &Parameters<f64>)| {
+        let mut coordinates = own.coordinates();
+        for (i, place) in problem.places(number).into_iter().enumerate() {
+            let longest = match PARAMETERS[i].scale {
+                Scale::Log => LONGEST_STEP.0,
+                Scale::Linear => LONGEST_STEP.1,
+            };
+            coordinates[i] += step[place].clamp(-longest, longest);
+        }
+        Parameters::from_coordinates(coordinates)
+    };
+    Some(parameters.iter().enumerate().map(moved).collect())
 }

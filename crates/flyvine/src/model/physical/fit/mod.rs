@@ -7,6 +7,7 @@
 //! simulated, with the priors as they are and everything free.
 
 mod levenberg_marquardt;
+mod problem;
 mod residual;
 #[cfg(test)]
 mod tests;
@@ -14,10 +15,12 @@ mod tests;
 use super::error::PhysicalError;
 use super::flight_data::FlightData;
 use super::model::{FitSummary, PhysicalModel};
-use super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
+use super::parameters::{PARAMETERS, Parameters, Part};
 use crate::flight::Flight;
 use levenberg_marquardt::{Minimum, minimize};
-use residual::Objective;
+use nalgebra::DMatrix;
+use problem::Problem;
+use residual::Misfit;
 use serde::{Deserialize, Serialize};
 
 /// Options of [`fit_physical`].
@@ -70,15 +73,30 @@ const LIMITS: [&str; 4] = [
     "vertical_speed_limit",
 ];
 
+/// What a fit is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FitStage {
+    /// Explaining the first seconds of every flight from one of several starts.
+    FirstSeconds {
+        /// Number of the start, from 0.
+        start: usize,
+    },
+    /// Simulating whole flights of one configuration.
+    WholeFlights,
+    /// Simulating whole flights of all configurations, which share a vehicle.
+    SharedVehicle,
+}
+
 /// Where a fit is, for progress reports.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FitProgress {
-    /// Number of the start that is being tried, from 0; `None` when whole flights are simulated.
-    pub start: Option<usize>,
+    /// What it is doing.
+    pub stage: FitStage,
     /// Iterations done in this stage.
     pub iteration: usize,
-    /// The objective.
-    pub objective: f64,
+    /// Mean distance of the simulated end effector from where it was seen, m, over whole simulations from each
+    /// flight's first row.
+    pub tip_error_m: f64,
 }
 
 /// Fits the physical model to `flights`, all of one configuration.
@@ -95,52 +113,125 @@ pub fn fit_physical(
 ) -> Result<PhysicalModel, PhysicalError> {
     let stretches = one_configuration(flights)?;
     let first = first_stage(&stretches, options, progress).ok_or(PhysicalError::Diverged)?;
+    let problem = Problem {
+        misfits: vec![whole_flights(&stretches, options)],
+        held: held(options, &[]),
+    };
+    let minimum = minimize(
+        &problem,
+        first.parameters,
+        options.max_iterations,
+        &mut |minimum| report(FitStage::WholeFlights, minimum, progress),
+    );
+    let mut models = posterior(&problem, &minimum, &[(flights, &stretches)], options)?;
+    Ok(models.remove(0))
+}
 
-    let objective = Objective {
-        flights: &stretches,
+/// Fits one vehicle with an arm per configuration: `groups` holds the flights of each, `own` the parameters that
+/// were found for each on its own, or all together earlier. It begins with the vehicle of one of them, or their
+/// mean, whichever explains all flights best.
+///
+/// # Errors
+/// As [`fit_physical`].
+pub fn fit_shared_vehicle(
+    groups: &[Vec<Flight>],
+    own: &[Parameters<f64>],
+    options: &PhysicalFitOptions,
+    progress: &mut dyn FnMut(FitProgress),
+) -> Result<Vec<PhysicalModel>, PhysicalError> {
+    if own.is_empty() || own.len() != groups.len() {
+        return Err(PhysicalError::Shape {
+            what: "parameters to start the configurations' fits from",
+            found: own.len(),
+            expected: groups.len().max(1),
+        });
+    }
+    let stretches = groups
+        .iter()
+        .map(|flights| one_configuration(flights))
+        .collect::<Result<Vec<_>, _>>()?;
+    let problem = Problem {
+        misfits: stretches.iter().map(|own| whole_flights(own, options)).collect(),
+        held: held(options, &[]),
+    };
+    let shares: Vec<_> = own.iter().map(|own| (1.0 / groups.len() as f64, own)).collect();
+    let mut vehicles = vec![Parameters::mean(&shares)];
+    vehicles.extend_from_slice(own);
+    if let Some(known) = options.vehicle {
+        vehicles = vec![known];
+    }
+    let starts = vehicles.iter().map(|vehicle| {
+        let start: Vec<_> = own.iter().map(|own| own.with_vehicle(vehicle)).collect();
+        (problem.value(&start).0, start)
+    });
+    let (_, start) = starts
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .ok_or(PhysicalError::Diverged)?;
+    let minimum = minimize(&problem, start, options.max_iterations, &mut |minimum| {
+        report(FitStage::SharedVehicle, minimum, progress)
+    });
+    let groups: Vec<(&[Flight], &[FlightData])> = groups
+        .iter()
+        .zip(&stretches)
+        .map(|(flights, stretches)| (flights.as_slice(), stretches.as_slice()))
+        .collect();
+    posterior(&problem, &minimum, &groups, options)
+}
+
+fn whole_flights<'a>(flights: &'a [FlightData], options: &'a PhysicalFitOptions) -> Misfit<'a> {
+    Misfit {
+        flights,
         rows: usize::MAX,
         robust_scale_m: options.robust_scale_m,
         correlated_rows: options.correlated_rows,
         options,
-    };
-    let mut report = |iteration, objective| {
-        progress(FitProgress {
-            start: None,
-            iteration,
-            objective,
-        });
-    };
-    let minimum = minimize(
-        &objective,
-        &first.parameters,
-        &held(options, &[]),
-        options.max_iterations,
-        &mut report,
-    );
+    }
+}
+
+fn report(stage: FitStage, minimum: &Minimum, progress: &mut dyn FnMut(FitProgress)) {
+    progress(FitProgress {
+        stage,
+        iteration: minimum.iterations,
+        tip_error_m: minimum.tip_error_m,
+    });
+}
+
+/// The models at a minimum, with the posterior of their coordinates by Gauss–Newton; the prior keeps the Hessian
+/// positive definite.
+fn posterior(
+    problem: &Problem,
+    minimum: &Minimum,
+    groups: &[(&[Flight], &[FlightData])],
+    options: &PhysicalFitOptions,
+) -> Result<Vec<PhysicalModel>, PhysicalError> {
     if !minimum.value.is_finite() {
         return Err(PhysicalError::Diverged);
     }
-
-    // Posterior of the coordinates by Gauss–Newton; the prior keeps the Hessian positive definite.
-    let hessian = objective.normal_equations(&minimum.parameters).hessian;
-    let covariance = hessian.cholesky().ok_or(PhysicalError::Diverged)?.inverse();
-    Ok(PhysicalModel {
-        parameters: minimum.parameters,
-        arm: stretches[0].arms[0],
-        covariance: (0..PARAMETER_COUNT)
-            .map(|i| covariance.row(i).iter().copied().collect())
-            .collect(),
-        fit: Some(FitSummary {
-            tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
-            flights: flights.iter().map(|flight| flight.name.clone()).collect(),
-            configuration: stretches[0].configurations[0],
-            rows: objective.counted_rows(),
-            objective: minimum.value,
-            iterations: minimum.iterations,
-            converged: minimum.converged,
-            options: options.clone(),
-        }),
-    })
+    let hessian = problem.quadratic(&minimum.parameters).hessian;
+    let covariance: DMatrix<f64> = hessian.cholesky().ok_or(PhysicalError::Diverged)?.inverse();
+    let model = |(number, &(flights, stretches)): (usize, &(&[Flight], &[FlightData]))| {
+        let places = problem.places(number);
+        let row = |i: usize| places.map(|j| covariance[(i, j)]).to_vec();
+        PhysicalModel {
+            parameters: minimum.parameters[number],
+            arm: stretches[0].arms[0],
+            covariance: places.into_iter().map(row).collect(),
+            fit: Some(FitSummary {
+                tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
+                flights: flights.iter().map(|flight| flight.name.clone()).collect(),
+                configuration: stretches[0].configurations[0],
+                rows: problem.misfits[number].counted_rows(),
+                tip_error_m: problem.misfits[number]
+                    .value(&minimum.parameters[number])
+                    .tip_error_m(),
+                objective: minimum.value,
+                iterations: minimum.iterations,
+                converged: minimum.converged,
+                options: options.clone(),
+            }),
+        }
+    };
+    Ok(groups.iter().enumerate().map(model).collect())
 }
 
 /// All stretches of all flights, after a check that their configuration is one and the same.
@@ -169,29 +260,28 @@ fn first_stage(
     options: &PhysicalFitOptions,
     progress: &mut dyn FnMut(FitProgress),
 ) -> Option<Minimum> {
-    let objective = Objective {
+    let misfit = Misfit {
         flights,
         rows: FIRST_ROWS,
         robust_scale_m: FIRST_SCALE_M,
         correlated_rows: FIRST_CORRELATED_ROWS,
         options,
     };
+    let counted_rows = misfit.counted_rows() as f64;
+    let problem = Problem {
+        misfits: vec![misfit],
+        held: held(options, &LIMITS),
+    };
     let mut best: Option<Minimum> = None;
-    let held = held(options, &LIMITS);
     let starts = options.starts.iter().copied().chain(built_in_starts());
     for (number, mut start) in starts.enumerate() {
         if let Some(vehicle) = &options.vehicle {
             start = start.with_vehicle(vehicle);
         }
-        let mut report = |iteration, objective| {
-            progress(FitProgress {
-                start: Some(number),
-                iteration,
-                objective,
-            });
-        };
-        let minimum = minimize(&objective, &start, &held, FIRST_ITERATIONS, &mut report);
-        let mean_loss = minimum.value * FIRST_CORRELATED_ROWS / objective.counted_rows() as f64;
+        let minimum = minimize(&problem, vec![start], FIRST_ITERATIONS, &mut |minimum| {
+            report(FitStage::FirstSeconds { start: number }, minimum, progress)
+        });
+        let mean_loss = minimum.value * FIRST_CORRELATED_ROWS / counted_rows;
         if minimum.value < best.as_ref().map_or(f64::INFINITY, |best| best.value) {
             best = Some(minimum);
         }

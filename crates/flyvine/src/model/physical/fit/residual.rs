@@ -1,7 +1,7 @@
 //! Simulation error: how far whole flights, simulated from their first row, are from what was seen.
 
 use super::super::flight_data::FlightData;
-use super::super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters};
+use super::super::parameters::{PARAMETER_COUNT, Parameters};
 use super::super::scalar::Dual;
 use super::super::state::{OUTPUT_LEN, State};
 use super::super::step::step;
@@ -16,16 +16,16 @@ pub type Matrix = nalgebra::SMatrix<f64, N, N>;
 /// A vector over the parameters.
 pub type Column = nalgebra::SVector<f64, N>;
 
-/// What one stage of a fit minimizes, over the coordinates of the parameters:
+/// How far simulations of one configuration's flights are from what was seen:
 ///
 /// ```text
-/// 1/c Σ_rows Σ_bodies s² ln(1 + |e|² / (σ s)²)  +  Σ_i ((coordinate_i − default_i) / prior σ_i)²
+/// 1/c Σ_rows Σ_bodies s² ln(1 + |e|² / (σ s)²)
 /// ```
 ///
 /// with residuals e of quadrotor position, attitude and end effector, each with its own σ. The logarithm
 /// (Cauchy's loss) is quadratic for errors small against `s σ` and keeps a simulation that went astray from
 /// outweighing everything else.
-pub struct Objective<'a> {
+pub struct Misfit<'a> {
     /// Flights to simulate.
     pub flights: &'a [FlightData],
     /// Only the first rows of every flight count.
@@ -38,7 +38,18 @@ pub struct Objective<'a> {
     pub options: &'a PhysicalFitOptions,
 }
 
-/// The quadratic model of an [`Objective`]: half its gradient, and the Gauss–Newton half of its Hessian.
+/// A [`Misfit`]'s value.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Value {
+    /// The loss; infinite where a simulation is not finite.
+    pub loss: f64,
+    /// Sum over the rows of the end effector's distance from where it was seen, m.
+    pub tip_distance_m: f64,
+    /// Rows in which it was seen.
+    pub tip_rows: usize,
+}
+
+/// The quadratic model of a [`Misfit`]: half its gradient, and the Gauss–Newton half of its Hessian.
 pub struct NormalEquations {
     /// Half the gradient.
     pub gradient: Column,
@@ -46,16 +57,37 @@ pub struct NormalEquations {
     pub hessian: Matrix,
 }
 
-impl Objective<'_> {
-    /// The value at `parameters`; infinite where a simulation is not finite.
-    pub fn value(&self, parameters: &Parameters<f64>) -> f64 {
-        let values: Vec<f64> = self
+impl Value {
+    /// Of two sets of flights together.
+    pub fn and(self, other: Value) -> Value {
+        Value {
+            loss: self.loss + other.loss,
+            tip_distance_m: self.tip_distance_m + other.tip_distance_m,
+            tip_rows: self.tip_rows + other.tip_rows,
+        }
+    }
+
+    /// Mean distance of the end effector from where it was seen, m.
+    pub fn tip_error_m(self) -> f64 {
+        self.tip_distance_m / self.tip_rows.max(1) as f64
+    }
+}
+
+impl Misfit<'_> {
+    /// The value at `parameters`.
+    pub fn value(&self, parameters: &Parameters<f64>) -> Value {
+        let values: Vec<Value> = self
             .flights
             .par_iter()
             .map(|flight| self.flight_value(flight, parameters))
             .collect();
-        let value = values.iter().sum::<f64>() + prior(parameters).0;
-        if value.is_finite() { value } else { f64::INFINITY }
+        let sum = values.into_iter().fold(Value::default(), Value::and);
+        let loss = if sum.loss.is_finite() {
+            sum.loss
+        } else {
+            f64::INFINITY
+        };
+        Value { loss, ..sum }
     }
 
     /// Gradient and Hessian at `parameters`, by forward-mode sensitivities.
@@ -65,8 +97,7 @@ impl Objective<'_> {
             .par_iter()
             .map(|flight| self.flight_normal_equations(flight, parameters))
             .collect();
-        let (_, mut gradient, prior_hessian) = prior(parameters);
-        let mut hessian = Matrix::from_diagonal(&prior_hessian);
+        let (mut gradient, mut hessian) = (Column::zeros(), Matrix::zeros());
         for part in &parts {
             gradient += part.gradient;
             hessian += part.hessian;
@@ -83,11 +114,17 @@ impl Objective<'_> {
             .sum()
     }
 
-    fn flight_value(&self, flight: &FlightData, parameters: &Parameters<f64>) -> f64 {
+    fn flight_value(&self, flight: &FlightData, parameters: &Parameters<f64>) -> Value {
         let mut state = flight.start(0, parameters);
-        let mut sum = 0.0;
+        let mut sum = Value::default();
         for row in 0..flight.rows().min(self.rows) {
-            sum += self.row_loss(flight, row, &state.outputs()).0;
+            let outputs = state.outputs();
+            sum.loss += self.row_loss(flight, row, &outputs).0;
+            if flight.observed[row].end_effector {
+                let seen = &flight.observed[row].outputs;
+                sum.tip_distance_m += (6..9).map(|i| (outputs[i] - seen[i]).powi(2)).sum::<f64>().sqrt();
+                sum.tip_rows += 1;
+            }
             state = step(
                 parameters,
                 flight.arms[row],
@@ -95,7 +132,8 @@ impl Objective<'_> {
                 &Vector(flight.commands[row]),
             );
         }
-        sum / self.correlated_rows
+        sum.loss /= self.correlated_rows;
+        sum
     }
 
     fn flight_normal_equations(&self, flight: &FlightData, parameters: &Parameters<f64>) -> NormalEquations {
@@ -158,18 +196,4 @@ impl Objective<'_> {
         }
         (loss, weights)
     }
-}
-
-/// Value, half gradient and half Hessian diagonal of the prior.
-fn prior(parameters: &Parameters<f64>) -> (f64, Column, Column) {
-    let coordinates = parameters.coordinates();
-    let (mut value, mut gradient, mut hessian) = (0.0, Column::zeros(), Column::zeros());
-    for (i, info) in PARAMETERS.iter().enumerate() {
-        let precision = info.prior_sigma.powi(-2);
-        let deviation = coordinates[i] - info.coordinate(info.default);
-        value += precision * deviation * deviation;
-        gradient[i] = precision * deviation;
-        hessian[i] = precision;
-    }
-    (value, gradient, hessian)
 }

@@ -46,31 +46,47 @@ fn data(flights: &[Flight]) -> Vec<FlightData> {
 fn gradient_of_the_objective_agrees_with_finite_differences() {
     let stretches = data(&flights(80, 1e-3));
     let options = PhysicalFitOptions::default();
-    let objective = Objective {
+    let misfit = || Misfit {
         flights: &stretches,
         rows: usize::MAX,
         robust_scale_m: 0.05,
         correlated_rows: 30.0,
         options: &options,
     };
+    // Two configurations that share a vehicle, though with the same flights.
+    let problem = Problem {
+        misfits: vec![misfit(), misfit()],
+        held: vec![],
+    };
     let parameters = Parameters {
         command_delay: 0.023, // away from the kinks at whole substeps
         ..Parameters::defaults()
     };
-    let equations = objective.normal_equations(&parameters);
-    let scale = equations.gradient.amax();
-    for (i, info) in PARAMETERS.iter().enumerate() {
+    let other = Parameters {
+        base_stiffness: 0.8,
+        tip_mass: 0.15,
+        ..parameters
+    };
+    let quadratic = problem.quadratic(&[parameters, other]);
+    let scale = quadratic.gradient.amax();
+    for (entry, (configuration, i)) in problem.entries().enumerate() {
+        let info = &PARAMETERS[i];
         let shifted = |by: f64| {
-            let mut coordinates = parameters.coordinates();
-            coordinates[i] += by;
-            // Not through `from_coordinates`, which clamps to the bounds.
-            let values = std::array::from_fn(|j| PARAMETERS[j].value(coordinates[j]));
-            objective.value(&Parameters::from_array(values))
+            let moved = |(number, own): (usize, &Parameters<f64>)| {
+                let mut values = own.to_array();
+                if number == configuration || info.part == Part::Vehicle {
+                    // Not through `from_coordinates`, which clamps to the bounds.
+                    values[i] = info.value(info.coordinate(values[i]) + by);
+                }
+                Parameters::from_array(values)
+            };
+            let both: Vec<_> = [parameters, other].iter().enumerate().map(moved).collect();
+            problem.value(&both).0
         };
         let h = 1e-4;
         let difference =
             (8.0 * (shifted(h) - shifted(-h)) - (shifted(2.0 * h) - shifted(-2.0 * h))) / (12.0 * h);
-        let exact = 2.0 * equations.gradient[i];
+        let exact = 2.0 * quadratic.gradient[entry];
         assert!(
             (exact - difference).abs() < 1e-6 * scale,
             "{}: {exact} against {difference}",

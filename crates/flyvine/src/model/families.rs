@@ -1,0 +1,340 @@
+//! Which family of models to plan with: the one that predicts held-out flights better.
+//!
+//! Every corner's flights are split: models of each family are fitted on the larger part and predict the rest (and
+//! the flights at interior or changing configurations) over whole rollouts. The better family is then fitted on
+//! everything; what its trial missed on the held-out flights becomes the bank's band of confidence.
+
+use super::band::PredictionBand;
+use super::bank::Bank;
+use super::check::{self, predict};
+use super::error::ModelError;
+use super::fit::{FitReport, Groups, fit_bank, group};
+use super::options::FitOptions;
+use super::physical::{FitProgress, PhysicalFitOptions};
+use super::physical_bank::{PhysicalFitReport, fit_physical_bank, refit_physical_bank};
+use super::rollout::WindowError;
+use super::selection::{self, HeldOutError, pool};
+use crate::flight::{Configuration, Flight};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// With this many flights at every corner, whole flights are held out, each third one; with fewer, the last
+/// third of every flight.
+const WHOLE_FLIGHTS: usize = 3;
+
+/// A family of models.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Family {
+    /// Polynomial in lagged states and commands (the paper's).
+    Lag,
+    /// Reduced-order physics.
+    Physical,
+}
+
+impl std::fmt::Display for Family {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Family::Lag => "lag",
+            Family::Physical => "physical",
+        })
+    }
+}
+
+/// Options of [`fit_families`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct FamilyOptions {
+    /// Families to try; the best of them is kept.
+    pub families: Vec<Family>,
+    /// Options of the lag family.
+    pub lag: FitOptions,
+    /// Options of the physical family.
+    pub physical: PhysicalFitOptions,
+}
+
+/// How one family did on flights that it was not fitted on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FamilyTrial {
+    /// Which.
+    pub family: Family,
+    /// On the corners' held-out flights; `None` if no window fits them, or the fit failed.
+    pub corners: Option<HeldOutError>,
+    /// On interior and deploying flights, through the interpolation; `None` without such windows.
+    pub interior: Option<HeldOutError>,
+    /// Why there is no model of this family.
+    pub failure: Option<String>,
+}
+
+/// What was tried and chosen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FamiliesReport {
+    /// One per family, in the order of the options.
+    pub trials: Vec<FamilyTrial>,
+    /// Names of the flights that judged; with few flights, the last third of each.
+    pub held_out: Vec<String>,
+    /// The fit that was kept.
+    pub chosen: Chosen,
+}
+
+/// The fit that was kept, on all flights.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "family", rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant)] // one per fit
+pub enum Chosen {
+    /// The lag family.
+    Lag(FitReport),
+    /// The physical family.
+    Physical(PhysicalFitReport),
+}
+
+/// Where [`fit_families`] is.
+#[derive(Debug, Clone, Copy)]
+pub enum FamilyProgress<'a> {
+    /// A family is about to be fitted without the held-out flights.
+    Trying(Family),
+    /// A fit of the physical family, and the configuration that it is at (`None`: all of them).
+    Physical(Option<Configuration>, FitProgress),
+    /// A family was tried.
+    Tried(&'a FamilyTrial),
+    /// A family was chosen and is about to be fitted on everything.
+    Chosen(Family),
+}
+
+impl FamilyTrial {
+    /// What is minimized, m: the mean of both errors.
+    pub fn score_m(&self) -> Option<f64> {
+        let errors: Vec<f64> = [self.corners, self.interior]
+            .iter()
+            .flatten()
+            .map(|error| error.mean_m)
+            .collect();
+        (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+    }
+}
+
+/// Tries the families on held-out flights, fits the best on everything, and measures its band of confidence.
+///
+/// # Errors
+/// No family; what the only family that was asked for, or every one of them, has to say against the flights
+/// ([`fit_bank`], [`fit_physical_bank`]).
+pub fn fit_families(
+    flights: &[Flight],
+    options: &FamilyOptions,
+    progress: &mut dyn FnMut(FamilyProgress),
+) -> Result<(Bank, FamiliesReport), ModelError> {
+    super::fit::refuse_duplicates(flights)?;
+    let groups = group(flights)?;
+    let (kept, held_out) = split(flights, &groups);
+    let interior: Vec<Flight> = groups
+        .interior
+        .iter()
+        .map(|&index| flights[index].clone())
+        .collect();
+    let mut best: Option<(f64, Family, Bank, Option<PredictionBand>)> = None;
+    let (mut trials, mut first_error) = (Vec::new(), None);
+    for &family in &options.families {
+        progress(FamilyProgress::Trying(family));
+        let mut trial = FamilyTrial {
+            family,
+            corners: None,
+            interior: None,
+            failure: None,
+        };
+        match fit_one(family, &kept, None, options, progress)
+            .and_then(|(bank, _)| Ok((judge(&bank, &held_out, &interior)?, bank)))
+        {
+            Ok((judged, bank)) => {
+                (trial.corners, trial.interior) = (judged.corners, judged.interior);
+                let score = trial.score_m().unwrap_or(f64::INFINITY);
+                if best.as_ref().is_none_or(|(least, ..)| score < *least) {
+                    best = Some((score, family, bank, judged.band));
+                }
+            }
+            Err(error) => {
+                trial.failure = Some(error.to_string());
+                first_error.get_or_insert(error);
+            }
+        }
+        progress(FamilyProgress::Tried(&trial));
+        trials.push(trial);
+    }
+    // Without a trial (flights too few or too short to hold any out) the first family that can be fitted.
+    let candidates: Vec<(Family, Option<Bank>, Option<PredictionBand>)> = match best {
+        Some((_, family, bank, band)) => vec![(family, Some(bank), band)],
+        None => options
+            .families
+            .iter()
+            .map(|&family| (family, None, None))
+            .collect(),
+    };
+    for (family, start, band) in candidates {
+        progress(FamilyProgress::Chosen(family));
+        match fit_one(family, flights, start.as_ref(), options, progress) {
+            Ok((bank, chosen)) => {
+                let report = FamiliesReport {
+                    trials,
+                    held_out: held_out
+                        .iter()
+                        .chain(&interior)
+                        .map(|flight| flight.name.clone())
+                        .collect(),
+                    chosen,
+                };
+                return Ok((bank.with_band(band)?, report));
+            }
+            Err(error) => {
+                first_error.get_or_insert(error);
+            }
+        }
+    }
+    Err(first_error.unwrap_or(ModelError::Unsupported {
+        what: "families to try",
+        found: "none".into(),
+        expected: "lag, physical, or both".into(),
+    }))
+}
+
+/// Fits one family; the physical one begins with `start` where there is one.
+fn fit_one(
+    family: Family,
+    flights: &[Flight],
+    start: Option<&Bank>,
+    options: &FamilyOptions,
+    progress: &mut dyn FnMut(FamilyProgress),
+) -> Result<(Bank, Chosen), ModelError> {
+    let mut simulating = |configuration, at| progress(FamilyProgress::Physical(configuration, at));
+    Ok(match (family, start) {
+        (Family::Lag, _) => {
+            let (bank, report) = fit_bank(flights, &options.lag)?;
+            (bank, Chosen::Lag(report))
+        }
+        (Family::Physical, None) => {
+            let (bank, report) = fit_physical_bank(flights, &options.physical, &mut simulating)?;
+            (bank, Chosen::Physical(report))
+        }
+        (Family::Physical, Some(start)) => {
+            let (bank, report) = refit_physical_bank(start, flights, &options.physical, &mut simulating)?;
+            (bank, Chosen::Physical(report))
+        }
+    })
+}
+
+/// What a bank's predictions of held-out flights were like.
+struct Judged {
+    corners: Option<HeldOutError>,
+    interior: Option<HeldOutError>,
+    band: Option<PredictionBand>,
+}
+
+fn judge(bank: &Bank, held_out: &[Flight], interior: &[Flight]) -> Result<Judged, ModelError> {
+    let windows = |flights: &[Flight], horizons: &[usize]| {
+        flights
+            .par_iter()
+            .map(|flight| Ok(predict(bank, flight)?.windows(horizons)))
+            .collect::<Result<Vec<Vec<Vec<WindowError>>>, ModelError>>()
+    };
+    let mut by_horizon = vec![Vec::new(); check::HORIZONS.len()];
+    let mut names = Vec::new();
+    for flights in [held_out, interior] {
+        names.extend(flights.iter().map(|flight| flight.name.clone()));
+        for own in windows(flights, &check::HORIZONS)? {
+            for (all, here) in by_horizon.iter_mut().zip(own) {
+                all.extend(here);
+            }
+        }
+    }
+    Ok(Judged {
+        corners: pool(&windows(held_out, &selection::HORIZONS)?),
+        interior: pool(&windows(interior, &selection::HORIZONS)?),
+        band: PredictionBand::of_windows(&check::HORIZONS, &by_horizon, names),
+    })
+}
+
+/// The corners' flights, without and with only what is held out. Interior flights are in neither.
+fn split(flights: &[Flight], groups: &Groups) -> (Vec<Flight>, Vec<Flight>) {
+    let whole = groups
+        .corners
+        .iter()
+        .all(|(_, members)| members.len() >= WHOLE_FLIGHTS);
+    let (mut kept, mut held_out) = (Vec::new(), Vec::new());
+    for (_, members) in &groups.corners {
+        for (place, &index) in members.iter().enumerate() {
+            let flight = &flights[index];
+            if !whole {
+                let (mut first, mut last) = (flight.clone(), flight.clone());
+                last.samples = first.samples.split_off(first.samples.len() * 2 / 3);
+                kept.push(first);
+                held_out.push(last);
+            } else if place % WHOLE_FLIGHTS == WHOLE_FLIGHTS - 1 {
+                held_out.push(flight.clone());
+            } else {
+                kept.push(flight.clone());
+            }
+        }
+    }
+    (kept, held_out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::physical::Parameters;
+    use super::super::physical::synthetic::{random_commands, simulate_flight};
+    use super::*;
+
+    fn flights(count: u64, rows: usize) -> Vec<Flight> {
+        (1..=count)
+            .map(|seed| {
+                let commands = random_commands(rows, seed);
+                let name = format!("flight {seed}");
+                simulate_flight(&name, &Parameters::defaults(), 0.8, &commands, 3e-4, seed).0
+            })
+            .collect()
+    }
+
+    fn options(families: &[Family]) -> FamilyOptions {
+        FamilyOptions {
+            families: families.to_vec(),
+            lag: FitOptions::default(),
+            physical: PhysicalFitOptions {
+                max_iterations: 2,
+                ..PhysicalFitOptions::default()
+            },
+        }
+    }
+
+    #[test]
+    fn the_better_family_is_chosen_and_its_band_holds_on_other_flights() {
+        let flights = flights(4, 400);
+        let both = options(&[Family::Lag, Family::Physical]);
+        let (bank, report) = fit_families(&flights[..3], &both, &mut |_| {}).unwrap();
+        assert!(
+            matches!(report.chosen, Chosen::Physical(_)),
+            "{:?}",
+            report.trials
+        );
+        assert_eq!(report.held_out, ["flight 3"]);
+        let scores: Vec<f64> = report
+            .trials
+            .iter()
+            .map(|trial| trial.score_m().unwrap())
+            .collect();
+        assert!(scores[1] < scores[0]);
+        let checked = check::check(&bank, &flights[3..]).unwrap();
+        let within = checked.pooled[0].error.within_band.unwrap();
+        assert!(within > 0.8, "{within} at 0.5 s");
+    }
+
+    #[test]
+    fn few_flights_are_cut_and_the_only_family_speaks_for_itself() {
+        let flights = flights(1, 200);
+        let (_, report) = fit_families(&flights, &options(&[Family::Physical]), &mut |_| {}).unwrap();
+        assert!(report.trials[0].corners.is_some());
+        // Too short for the paper's structure: auto takes physics, the lag family alone says why not.
+        let both = options(&[Family::Lag, Family::Physical]);
+        let (_, report) = fit_families(&flights, &both, &mut |_| {}).unwrap();
+        assert!(report.trials[0].failure.as_ref().unwrap().contains("usable rows"));
+        assert!(matches!(report.chosen, Chosen::Physical(_)));
+        let error = fit_families(&flights, &options(&[Family::Lag]), &mut |_| {}).unwrap_err();
+        assert!(matches!(error, ModelError::TooFewRows { .. }));
+    }
+}
