@@ -1,5 +1,6 @@
 //! The `flyvine` command line: parses arguments, runs one command, prints, exits.
 
+mod bench;
 mod check;
 mod console;
 mod convert;
@@ -49,6 +50,7 @@ enum Command {
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
     Solve(solve::SolveArguments),
+    Bench(bench::BenchArguments),
     Convert(convert::ConvertArguments),
 }
 
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Command::Fly(arguments) => fly::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
     })
