@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use comfy_table::{CellAlignment, Table, presets::UTF8_HORIZONTAL_ONLY};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rustix::time::{ClockId, clock_gettime};
 
 use crate::outcome::{Blame, Failure};
 
@@ -61,4 +62,10 @@ pub fn progress(length: u64, what: &str) -> ProgressBar {
         say(&format!("{what} …"));
     }
     bar
+}
+
+/// CPU time of this process, ms.
+pub fn process_cpu_ms() -> f64 {
+    let time = clock_gettime(ClockId::ProcessCPUTime);
+    1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
 }

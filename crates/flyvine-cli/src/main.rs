@@ -1,6 +1,7 @@
 //! The `flyvine` command line: parses arguments, runs one command, prints, exits.
 
 mod arm_shape;
+mod bench;
 mod calibrate;
 mod check;
 mod console;
@@ -53,6 +54,7 @@ enum Command {
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
     Solve(solve::SolveArguments),
+    Bench(bench::BenchArguments),
     Convert(convert::ConvertArguments),
     Calibrate(calibrate::CalibrateArguments),
 }
@@ -67,6 +69,7 @@ fn main() -> ExitCode {
         Command::Fly(arguments) => fly::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
+        Command::Bench(arguments) => bench::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),

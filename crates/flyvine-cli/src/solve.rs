@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use flyvine::benchmark::{read_problem, solve_report};
 use flyvine::trajopt::Options;
-use rustix::time::{ClockId, clock_gettime};
 
-use crate::console::{print, print_json};
+use crate::console::{print, print_json, process_cpu_ms};
 use crate::outcome::{Blame, CommandResult, Outcome};
 
 /// Solve one optimal-control problem in the neutral benchmark format (bench/FORMAT.md).
@@ -54,10 +53,4 @@ pub fn run(arguments: &SolveArguments) -> CommandResult {
     } else {
         Outcome::Untrusted
     })
-}
-
-/// CPU time of this process, ms.
-fn process_cpu_ms() -> f64 {
-    let time = clock_gettime(ClockId::ProcessCPUTime);
-    1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
 }

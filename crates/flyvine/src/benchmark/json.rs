@@ -38,6 +38,9 @@ pub enum BenchmarkError {
     /// The numbers do not make a valid model.
     #[error(transparent)]
     Model(#[from] crate::model::ModelError),
+    /// The numbers do not make a condensed MPC problem.
+    #[error(transparent)]
+    Condensed(#[from] crate::control::mpc::CondensedError),
     /// The numbers do not make a valid problem.
     #[error(transparent)]
     Problem(#[from] crate::trajopt::ProblemError),

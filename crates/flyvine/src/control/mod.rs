@@ -9,6 +9,7 @@
 //! A [`Controller`] only proposes; what reaches the vehicle is what the [`supervisor`] lets through.
 
 mod fly;
+pub mod mpc;
 mod open_loop;
 pub mod supervisor;
 mod tracking;
