@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use flyvine::control::supervisor::{Limits, Room};
 use flyvine::control::{End, OpenLoop, Trajectory, fly};
-use flyvine::flight::{Configuration, Flight, HygieneOptions, clean, write_flight};
+use flyvine::flight::{Corner, Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::{Bank, FitOptions, check, fit_bank, rest_state};
 use flyvine::report::paper::{PublishedError, published_error};
 use flyvine::report::{Experiment, ExperimentKind, Results, RunSummary, Score};
@@ -19,7 +19,6 @@ use crate::arm_shape::WatchedVehicle;
 use crate::check::check_table;
 use crate::console::{centimetres, print, progress, say, table};
 use crate::fit::{say_findings, write_json};
-use crate::flights::CORNERS;
 use crate::fly::{ControllerChoice, fly_plan};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::run_folder::{experiment_folder, read_results, write_experiment, write_report};
@@ -106,17 +105,17 @@ struct Recordings {
 }
 
 fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
-    let jobs: Vec<(&str, Configuration, TrainingFlight)> = CORNERS
-        .iter()
-        .flat_map(|&(corner, configuration)| {
+    let jobs: Vec<(Corner, TrainingFlight)> = Corner::ALL
+        .into_iter()
+        .flat_map(|corner| {
             let flights = training_flights(seed).into_iter().chain([test_flight(seed)]);
-            flights.map(move |flight| (corner, configuration, flight))
+            flights.map(move |flight| (corner, flight))
         })
         .collect();
     let bar = progress(jobs.len() as u64, "training");
-    let flights = in_parallel(&jobs, &bar, |index, (corner, configuration, training)| {
-        let mut flight = fly_commands(training, *configuration, seed.wrapping_add(1000 + index as u64))?;
-        flight.name = format!("{corner}_{}", training.name);
+    let flights = in_parallel(&jobs, &bar, |index, (corner, training)| {
+        let mut flight = fly_commands(training, *corner, seed.wrapping_add(1000 + index as u64))?;
+        flight.name = format!("{}_{}", corner.label(), training.name);
         Ok(flight)
     })?;
     let mut recordings = Recordings {
@@ -124,7 +123,7 @@ fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
         test: Vec::new(),
     };
     let mut hygiene = Vec::new();
-    for (mut flight, (_, _, training)) in flights.into_iter().zip(&jobs) {
+    for (mut flight, (_, training)) in flights.into_iter().zip(&jobs) {
         let is_test = training.name == "test_mixed";
         let place = if is_test { "test" } else { "training" };
         write_flight(&folder.join(place).join(format!("{}.csv", flight.name)), &flight).or_internal()?;
@@ -141,11 +140,8 @@ fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
 }
 
 /// Flies bare commands on the built-in vehicle.
-fn fly_commands(
-    training: &TrainingFlight,
-    configuration: Configuration,
-    seed: u64,
-) -> Result<Flight, Failure> {
+fn fly_commands(training: &TrainingFlight, corner: Corner, seed: u64) -> Result<Flight, Failure> {
+    let configuration = corner.configuration();
     let knots = training.commands.len() + 1;
     let unbounded = f64::INFINITY;
     let trajectory = Trajectory::new(

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use flyvine::flight::{Configuration, Flight, HygieneOptions, HygieneReport, clean, read_flight};
+use flyvine::flight::{Configuration, Corner, Flight, HygieneOptions, HygieneReport, clean, read_flight};
 
 use crate::console::say;
 use crate::outcome::{Blame, Failure};
@@ -27,47 +27,12 @@ pub fn load_flight(path: &Path) -> Result<(Flight, HygieneReport), Failure> {
 
 /// `ES`, `IS`, `EL`, `IL` at the paper's corners, otherwise length and pressure; an arrow where it changes.
 pub fn configuration_label(first: Configuration, last: Option<Configuration>) -> String {
-    let one = |configuration: Configuration| {
-        let Configuration {
-            length_m,
-            pressure_kpa,
-        } = configuration;
-        match CORNERS.iter().find(|(_, corner)| *corner == configuration) {
-            Some((name, _)) => (*name).to_owned(),
-            None => format!("{length_m:.3} m {pressure_kpa:.2} kPa"),
-        }
+    let one = |configuration: Configuration| match Corner::from_configuration(configuration) {
+        Some(corner) => corner.label().to_owned(),
+        None => format!(
+            "{:.3} m {:.2} kPa",
+            configuration.length_m, configuration.pressure_kpa
+        ),
     };
     last.map_or_else(|| one(first), |last| format!("{} → {}", one(first), one(last)))
 }
-
-/// The paper's four configurations: empty or inflated, short or long.
-pub const CORNERS: [(&str, Configuration); 4] = [
-    (
-        "ES",
-        Configuration {
-            length_m: 0.7,
-            pressure_kpa: 0.0,
-        },
-    ),
-    (
-        "IS",
-        Configuration {
-            length_m: 0.7,
-            pressure_kpa: 0.4,
-        },
-    ),
-    (
-        "EL",
-        Configuration {
-            length_m: 1.0,
-            pressure_kpa: 0.0,
-        },
-    ),
-    (
-        "IL",
-        Configuration {
-            length_m: 1.0,
-            pressure_kpa: 0.4,
-        },
-    ),
-];

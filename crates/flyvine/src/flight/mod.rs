@@ -5,6 +5,7 @@
 //! [`Flight::segments`] and [`Flight::valid_transitions`] say which rows may be used together.
 
 mod continuity;
+mod corner;
 mod csv;
 mod error;
 mod files;
@@ -19,6 +20,7 @@ pub(crate) mod shared_data;
 mod table;
 
 pub use self::continuity::CLOCK_TOLERANCE_S;
+pub use self::corner::Corner;
 pub use self::csv::parse_csv;
 pub use self::error::{FlightError, Place, Problem};
 pub use self::files::{read_flight, recover_flight, write_flight};

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use super::results::{Experiment, ExperimentKind};
+use crate::flight::Corner;
 
 /// A measured curve: `[t, value]` over time (s, m) or a path `[horizontal, vertical]` (m), in order of time.
 pub type Curve = [[f64; 2]];
@@ -17,19 +18,6 @@ pub const SHORT_SWING_SHIFT_M: f64 = 0.25;
 /// Hover at the start of the paper's deployment recording, before its lemniscate begins, s
 /// (least-squares alignment of its reference with the T = 5 s, 3-s-ramp lemniscate).
 pub const DEPLOY_LEAD_S: f64 = 1.5;
-
-/// The four corner configurations: empty or inflated, short or long.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Corner {
-    /// Empty, short.
-    Es,
-    /// Inflated, short.
-    Is,
-    /// Empty, long.
-    El,
-    /// Inflated, long.
-    Il,
-}
 
 /// Which signal of a flight a curve shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,41 +39,6 @@ pub struct PublishedError {
     pub low_m: f64,
     /// Upper end, m.
     pub high_m: f64,
-}
-
-impl Corner {
-    /// All corners in the paper's order.
-    pub const ALL: [Self; 4] = [Self::Es, Self::Is, Self::El, Self::Il];
-
-    /// The corner's two letters.
-    pub fn label(self) -> &'static str {
-        match self {
-            Self::Es => "ES",
-            Self::Is => "IS",
-            Self::El => "EL",
-            Self::Il => "IL",
-        }
-    }
-
-    /// What the two letters mean.
-    pub fn description(self) -> &'static str {
-        match self {
-            Self::Es => "empty, short",
-            Self::Is => "inflated, short",
-            Self::El => "empty, long",
-            Self::Il => "inflated, long",
-        }
-    }
-
-    /// The corner with these two letters.
-    pub fn from_label(label: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|corner| corner.label() == label)
-    }
-
-    /// Whether the arm is short (0.7 m).
-    pub fn is_short(self) -> bool {
-        matches!(self, Self::Es | Self::Is)
-    }
 }
 
 impl Signal {

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::paper::Corner;
 use super::score::{DistanceStatistics, Score, SwingTarget};
+use crate::flight::Corner;
 use crate::flight::{Configuration, Flight};
 
 /// Everything that one report shows. Lists may be empty: what is absent is left out of the page.

@@ -6,7 +6,7 @@
 
 use super::replay::{Curve, Measured, Recording};
 use crate::DT;
-use crate::flight::Configuration;
+use crate::flight::Corner;
 use std::path::{Path, PathBuf};
 
 /// Why recordings could not be read.
@@ -32,48 +32,23 @@ pub enum ReplayError {
     },
 }
 
-/// The corners' names in the paper's figures, in the authors' command files, and their configurations.
-const CORNERS: [(&str, &str, Configuration); 4] = [
-    (
-        "ES",
-        "empty_short",
-        Configuration {
-            length_m: 0.7,
-            pressure_kpa: 0.0,
-        },
-    ),
-    (
-        "IS",
-        "0psi_short",
-        Configuration {
-            length_m: 0.7,
-            pressure_kpa: 0.4,
-        },
-    ),
-    (
-        "EL",
-        "empty_long",
-        Configuration {
-            length_m: 1.0,
-            pressure_kpa: 0.0,
-        },
-    ),
-    (
-        "IL",
-        "0psi_long",
-        Configuration {
-            length_m: 1.0,
-            pressure_kpa: 0.4,
-        },
-    ),
-];
+/// A corner's name in the authors' command files.
+fn plan_name(corner: Corner) -> &'static str {
+    match corner {
+        Corner::Es => "empty_short",
+        Corner::Is => "0psi_short",
+        Corner::El => "empty_long",
+        Corner::Il => "0psi_long",
+    }
+}
 
 /// The paper's 4 swings and 8 lemniscates: the authors' flown plans in `commands`, the measured curves in
 /// `figures`.
 pub fn recordings(commands: &Path, figures: &Path) -> Result<Vec<Recording>, ReplayError> {
     let mut recordings = vec![];
-    for (corner, plan, configuration) in CORNERS {
-        let target = if configuration.length_m < 0.85 {
+    for corner in Corner::ALL {
+        let (plan, label) = (plan_name(corner), corner.label());
+        let target = if corner.is_short() {
             "x1.5_z1.0"
         } else {
             "x1.5_z0.75"
@@ -81,7 +56,7 @@ pub fn recordings(commands: &Path, figures: &Path) -> Result<Vec<Recording>, Rep
         let commands = read_commands(&commands.join(format!(
             "motion_plan_kick_2by2_NLtipz_{plan}_vine_{target}_T50.csv"
         )))?;
-        let read = |name: &str| read_pairs(&figures.join(format!("kick_{corner}_{name}.csv")));
+        let read = |name: &str| read_pairs(&figures.join(format!("kick_{label}_{name}.csv")));
         // The figure's time zero is the plan's second row: the first is the hover command.
         let shift = |curve: Vec<[f64; 2]>| curve.into_iter().map(|[t, x]| (t + DT, x)).collect::<Curve>();
         let quadrotor_x = shift(read("quadrotor_x")?);
@@ -91,8 +66,8 @@ pub fn recordings(commands: &Path, figures: &Path) -> Result<Vec<Recording>, Rep
             &heights_against_time(&end_effector_x, &read("end_effector_xz")?),
         );
         recordings.push(Recording {
-            name: format!("swing {corner}"),
-            configurations: vec![configuration; commands.len()],
+            name: format!("swing {label}"),
+            configurations: vec![corner.configuration(); commands.len()],
             commands,
             measured: Measured::Swing {
                 quadrotor_x,
@@ -102,15 +77,16 @@ pub fn recordings(commands: &Path, figures: &Path) -> Result<Vec<Recording>, Rep
         });
     }
     for (period, suffix, after_s) in [("10s", "10s_ramp1", 1.0), ("5s", "5s_ramp3", 3.0)] {
-        for (corner, plan, configuration) in CORNERS {
+        for corner in Corner::ALL {
+            let (plan, label) = (plan_name(corner), corner.label());
             let commands = read_commands(
                 &commands.join(format!("motion_plan_fig8_2by2_NLtipz_{plan}_vine_{suffix}.csv")),
             )?;
             let read =
-                |name: &str| read_pairs(&figures.join(format!("lemniscate_{period}_{corner}_{name}_xy.csv")));
+                |name: &str| read_pairs(&figures.join(format!("lemniscate_{period}_{label}_{name}_xy.csv")));
             recordings.push(Recording {
-                name: format!("lemniscate {period} {corner}"),
-                configurations: vec![configuration; commands.len()],
+                name: format!("lemniscate {period} {label}"),
+                configurations: vec![corner.configuration(); commands.len()],
                 commands,
                 measured: Measured::Path {
                     after_s,

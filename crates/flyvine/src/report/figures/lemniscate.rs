@@ -4,7 +4,8 @@ use super::chart::{Axis, BOTTOM_ROOM, LEFT_ROOM, Panel, TITLE_ROOM, draw_legend}
 use super::style::{self, Palette};
 use super::svg::Canvas;
 use super::{Figure, path};
-use crate::report::paper::{self, Corner, Signal};
+use crate::flight::Corner;
+use crate::report::paper::{self, Signal};
 use crate::report::results::Experiment;
 
 const WIDTH: f64 = 1040.0;

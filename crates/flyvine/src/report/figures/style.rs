@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::chart::LegendEntry;
 use super::svg::Stroke;
-use crate::report::paper::Corner;
+use crate::flight::Corner;
 
 /// Colour of a reference.
 pub const REFERENCE: Stroke = Stroke::solid("#1f2933", 1.3).dashed();

@@ -5,7 +5,8 @@ use super::style::{self, Palette};
 use super::svg::{Anchor, Canvas, Stroke};
 use super::{Figure, over_time, path};
 use crate::DT;
-use crate::report::paper::{self, Corner, Signal};
+use crate::flight::Corner;
+use crate::report::paper::{self, Signal};
 use crate::report::results::{Experiment, SwingTask};
 
 const WIDTH: f64 = 1040.0;
