@@ -8,6 +8,7 @@ mod fit;
 mod fit_progress;
 mod flights;
 mod fly;
+mod learn;
 mod outcome;
 mod physical_report;
 mod plan;
@@ -48,6 +49,7 @@ enum Command {
     Check(check::CheckArguments),
     Plan(plan::PlanArguments),
     Fly(fly::FlyArguments),
+    Learn(learn::LearnArguments),
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
     Solve(solve::SolveArguments),
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(arguments),
         Command::Plan(arguments) => plan::run(arguments),
         Command::Fly(arguments) => fly::run(arguments),
+        Command::Learn(arguments) => learn::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),

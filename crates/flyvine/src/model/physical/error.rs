@@ -33,6 +33,14 @@ pub enum PhysicalError {
         /// Row, from 0.
         row: usize,
     },
+    /// A flight's weight is not one.
+    #[error("flight {flight}: weight {found}, expected a finite number ≥ 0")]
+    Weight {
+        /// Name of the flight.
+        flight: String,
+        /// Weight found.
+        found: f64,
+    },
     /// Nothing to fit.
     #[error("no flight to fit the physical model to")]
     NoFlights,

@@ -22,7 +22,7 @@
 //! - [`PARAMETERS`] is the table of parameters: names, units, bounds, priors. [`Parameters::mean`] interpolates
 //!   between configurations: positive parameters geometrically, others arithmetically, lengths by the arm's own.
 //! - [`fit_physical`]: flights of one configuration → [`PhysicalModel`] (serializable, with its provenance and
-//!   the posterior covariance); [`fit_shared_vehicle`]: of several configurations, flown by one vehicle.
+//!   the posterior covariance); [`fit_configurations`]: of several configurations of one vehicle.
 //!   [`PhysicalModel::estimates`]: every parameter with its standard error, and whether it was determined.
 //! - [`PhysicalModel`] is [`crate::trajopt::Dynamics`]; all derivatives are exact, by forward-mode differentiation
 //!   of the same code (`scalar.rs`). Along a schedule it is a [`super::ScheduledModel`], which knows the growth.
@@ -50,7 +50,7 @@ mod vector;
 pub use arm::ArmLength;
 pub use error::PhysicalError;
 pub use estimates::ParameterEstimate;
-pub use fit::{FitProgress, FitStage, PhysicalFitOptions, fit_physical, fit_shared_vehicle};
+pub use fit::{FitProgress, FitStage, PhysicalFitOptions, fit_configurations, fit_physical};
 pub use flight_data::{FlightData, Observed, arm_lengths};
 pub use model::{FitSummary, PhysicalModel};
 pub use observer::{Observer, observe};

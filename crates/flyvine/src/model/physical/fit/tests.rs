@@ -44,7 +44,8 @@ fn data(flights: &[Flight]) -> Vec<FlightData> {
 
 #[test]
 fn gradient_of_the_objective_agrees_with_finite_differences() {
-    let stretches = data(&flights(80, 1e-3));
+    let mut stretches = data(&flights(80, 1e-3));
+    stretches[1].weight = 3.0;
     let options = PhysicalFitOptions::default();
     let misfit = || Misfit {
         flights: &stretches,
@@ -53,10 +54,11 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
         correlated_rows: 30.0,
         options: &options,
     };
-    // Two configurations that share a vehicle, though with the same flights.
+    // Two configurations of one vehicle, though with the same flights.
     let problem = Problem {
         misfits: vec![misfit(), misfit()],
         held: vec![],
+        trust: Some((vec![vehicle(), vehicle()], 0.5)),
     };
     let parameters = Parameters {
         command_delay: 0.023, // away from the kinks at whole substeps
@@ -69,12 +71,13 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
     };
     let quadratic = problem.quadratic(&[parameters, other]);
     let scale = quadratic.gradient.amax();
-    for (entry, (configuration, i)) in problem.entries().enumerate() {
+    for entry in 0..2 * PARAMETER_COUNT {
+        let (configuration, i) = (entry / PARAMETER_COUNT, entry % PARAMETER_COUNT);
         let info = &PARAMETERS[i];
         let shifted = |by: f64| {
             let moved = |(number, own): (usize, &Parameters<f64>)| {
                 let mut values = own.to_array();
-                if number == configuration || info.part == Part::Vehicle {
+                if number == configuration {
                     // Not through `from_coordinates`, which clamps to the bounds.
                     values[i] = info.value(info.coordinate(values[i]) + by);
                 }
