@@ -163,7 +163,12 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     }
     Ok(match &report.chosen {
         Chosen::Lag(report) => say_findings(&report.findings),
-        Chosen::Physical(_) => Outcome::Done,
+        Chosen::Physical(report) => {
+            for warning in physical_report::warnings(report) {
+                say(&format!("warning: {warning}"));
+            }
+            Outcome::Done
+        }
     })
 }
 

@@ -4,6 +4,7 @@ mod check;
 mod console;
 mod convert;
 mod demo;
+mod excite;
 mod fit;
 mod fit_progress;
 mod flights;
@@ -50,6 +51,7 @@ enum Command {
     Plan(plan::PlanArguments),
     Fly(fly::FlyArguments),
     Learn(learn::LearnArguments),
+    Excite(excite::ExciteArguments),
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
     Solve(solve::SolveArguments),
@@ -65,6 +67,7 @@ fn main() -> ExitCode {
         Command::Plan(arguments) => plan::run(arguments),
         Command::Fly(arguments) => fly::run(arguments),
         Command::Learn(arguments) => learn::run(arguments),
+        Command::Excite(arguments) => excite::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),

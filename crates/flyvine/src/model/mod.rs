@@ -43,6 +43,7 @@ mod schedule;
 mod selection;
 mod stability;
 pub mod statistics;
+mod support;
 mod track;
 
 pub use band::{BAND_CONFIDENCE, PredictionBand};
@@ -67,3 +68,4 @@ pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError, RefinementTrial};
 pub use stability::spectral_radius;
+pub use support::Support;

@@ -6,9 +6,10 @@ use super::family::Model;
 use super::fit::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{
-    FitProgress, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions, PhysicalModel,
-    fit_configurations, fit_physical,
+    FitProgress, FlightTiming, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions,
+    PhysicalModel, fit_configurations, fit_physical, stream_timing,
 };
+use super::support::Support;
 use crate::flight::{Configuration, Flight};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -40,6 +41,10 @@ pub struct CornerFit {
     pub tip_error_m: f64,
     /// Every parameter.
     pub parameters: Vec<ParameterEstimate>,
+    /// Clocks of the flights' streams.
+    pub timing: Vec<FlightTiming>,
+    /// How lively the flights were: where the model may be believed.
+    pub support: Support,
 }
 
 /// Fits one physical model per corner of the flown (pressure, length) range and joins them in a bank.
@@ -128,14 +133,13 @@ fn join(
     groups: &Groups,
     fits: Vec<PhysicalModel>,
 ) -> Result<(Bank, PhysicalFitReport), ModelError> {
-    let models: Vec<BankModel> = groups
-        .corners
-        .iter()
-        .zip(fits)
-        .map(|((configuration, _), fit)| bank_model(*configuration, fit))
-        .collect::<Result<_, _>>()?;
+    let (mut models, mut corners) = (Vec::new(), Vec::new());
+    for ((configuration, members), fit) in groups.corners.iter().zip(fits) {
+        corners.extend(corner_fit(*configuration, &fit, &chosen(flights, members))?);
+        models.push(bank_model(*configuration, fit)?);
+    }
     let report = PhysicalFitReport {
-        corners: models.iter().filter_map(corner_fit).collect(),
+        corners,
         cross_checked: groups
             .interior
             .iter()
@@ -151,21 +155,26 @@ fn join(
     Ok((Bank::new(models, provenance)?, report))
 }
 
-/// What there is to say about the fit of one of the bank's models.
-fn corner_fit(model: &BankModel) -> Option<CornerFit> {
-    let Model::Physical(physical) = &model.model else {
-        return None;
+/// What there is to say about the fit of one corner.
+fn corner_fit(
+    configuration: Configuration,
+    model: &PhysicalModel,
+    flights: &[Flight],
+) -> Result<Option<CornerFit>, ModelError> {
+    let Some(summary) = &model.fit else {
+        return Ok(None);
     };
-    let summary = physical.fit.as_ref()?;
-    Some(CornerFit {
-        configuration: model.configuration,
+    Ok(Some(CornerFit {
+        configuration,
         flights: summary.flights.clone(),
         rows: summary.rows,
         iterations: summary.iterations,
         converged: summary.converged,
         tip_error_m: summary.tip_error_m,
-        parameters: physical.estimates(),
-    })
+        parameters: model.estimates(),
+        timing: stream_timing(model, flights, &summary.options)?,
+        support: Support::of(flights),
+    }))
 }
 
 fn bank_model(configuration: Configuration, fit: PhysicalModel) -> Result<BankModel, ModelError> {

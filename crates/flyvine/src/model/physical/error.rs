@@ -93,6 +93,15 @@ pub enum PhysicalError {
         /// The length it should have.
         expected: usize,
     },
+    /// A model without a usable covariance, where one is needed.
+    #[error("the model has no positive definite covariance of its parameters, as a fitted one has")]
+    NoCovariance,
+    /// A hovering vehicle does not fit the room.
+    #[error("a hover with an arm of {length_m} m is not inside the room")]
+    NoRoom {
+        /// Length of the arm.
+        length_m: f64,
+    },
     /// No start of the fit gave a simulation that stayed finite.
     #[error("the physical model's simulation diverged from every start of the fit")]
     Diverged,

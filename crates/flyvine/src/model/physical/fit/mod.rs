@@ -11,6 +11,7 @@ mod problem;
 mod residual;
 #[cfg(test)]
 mod tests;
+mod timing;
 
 use super::error::PhysicalError;
 use super::flight_data::FlightData;
@@ -23,6 +24,7 @@ use problem::Problem;
 use residual::Misfit;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+pub use timing::{Estimate, FlightTiming};
 
 /// Options of [`fit_physical`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -180,6 +182,20 @@ pub fn fit_configurations(
         .map(|(flights, stretches)| (flights.as_slice(), stretches.as_slice()))
         .collect();
     posterior(&problem, &minimum, &groups, options)
+}
+
+/// How late the streams of each of `flights`, all of one configuration, are behind their commands, compared with
+/// what `model`, fitted to them, expects.
+///
+/// # Errors
+/// As [`fit_physical`]; the model's equations are singular.
+pub fn stream_timing(
+    model: &PhysicalModel,
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+) -> Result<Vec<FlightTiming>, PhysicalError> {
+    let stretches = one_configuration(flights, options)?;
+    timing::timing(&whole_flights(&stretches, options), &model.parameters).ok_or(PhysicalError::Diverged)
 }
 
 fn whole_flights<'a>(flights: &'a [FlightData], options: &'a PhysicalFitOptions) -> Misfit<'a> {

@@ -167,7 +167,7 @@ impl Misfit<'_> {
     }
 
     /// Loss of one row, and the weight of every squared residual at which its slope is the loss's (times 1/c).
-    fn row_loss(
+    pub fn row_loss(
         &self,
         flight: &FlightData,
         row: usize,
