@@ -1,17 +1,17 @@
 //! `flyvine fit`: flights in, bank out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use flyvine::flight::Flight;
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{
     Bank, CheckReport, Chosen, FamiliesReport, Family, FamilyOptions, FamilyTrial, Finding, FitOptions,
-    FitReport, HeldOutError, InputFile, Refinement, Ridge, Structure, VelocityInput, check,
+    FitReport, HeldOutError, InputFile, Refinement, Ridge, Structure, VelocityInput, bootstrap, check,
 };
 
 use crate::check::{band_line, check_table};
-use crate::console::{centimetres, print, print_json, say, table};
+use crate::console::{centimetres, print, print_json, progress, say, table};
 use crate::flights::load_flights;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome};
 use crate::{fit_progress, physical_report};
@@ -31,9 +31,16 @@ pub struct FitArguments {
     /// Recordings in flyvine's CSV format (see `flyvine convert` for others).
     #[arg(required = true, value_name = "FLIGHT")]
     flights: Vec<PathBuf>,
-    /// Where to write the bank.
+    /// Where to write the bank; with --ensemble, the folder for it and its members.
     #[arg(long, value_name = "BANK.json")]
     out: PathBuf,
+    /// Also fit this many banks on flights drawn with replacement: models that the flights allow beside the best one,
+    /// to plan against all of them. --out is a folder then, for bank.json and member_1.json, member_2.json, …
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    ensemble: Option<u32>,
+    /// Seed of the ensemble's draws.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
     /// Also write fit.json (everything that was tried) and check.json (errors on these flights) into this folder.
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -139,7 +146,12 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     };
     say(&format!("fitting {} flights …", flights.len()));
     let (bank, report) = fit_progress::fit(&flights, &options)?;
-    let checked = write_and_check(arguments, bank, &flights)?;
+    let bank = bank.with_inputs(inputs(arguments)?);
+    let checked = check(&bank, &flights).or_internal()?;
+    match arguments.ensemble {
+        None => write_bank(&bank, &arguments.out)?,
+        Some(members) => write_ensemble(arguments, &bank, &flights, members)?,
+    }
     if let Some(folder) = &arguments.report {
         write_json(&folder.join("fit.json"), &report)?;
         write_json(&folder.join("check.json"), &checked)?;
@@ -149,28 +161,54 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     } else {
         print_report(&report, &checked)?;
     }
-    say(&format!("wrote {}", arguments.out.display()));
     Ok(match &report.chosen {
         Chosen::Lag(report) => say_findings(&report.findings),
-        Chosen::Physical(_) => Outcome::Done,
+        Chosen::Physical(report) => {
+            for warning in physical_report::warnings(report) {
+                say(&format!("warning: {warning}"));
+            }
+            Outcome::Done
+        }
     })
 }
 
-/// Writes the bank with its inputs, and predicts the flights that it was fitted on.
-fn write_and_check(arguments: &FitArguments, bank: Bank, flights: &[Flight]) -> Result<CheckReport, Failure> {
-    let inputs = arguments
-        .flights
-        .iter()
-        .map(|path| InputFile::of(path))
-        .collect::<Result<_, _>>()
-        .or_input()?;
-    let bank = bank.with_inputs(inputs);
-    bank.write(&arguments.out).or_internal()?;
-    check(&bank, flights).or_internal()
+/// The recordings and their hashes.
+fn inputs(arguments: &FitArguments) -> Result<Vec<InputFile>, Failure> {
+    let hashed = arguments.flights.iter().map(|path| InputFile::of(path));
+    hashed.collect::<Result<_, _>>().or_input()
+}
+
+fn write_bank(bank: &Bank, path: &Path) -> Result<(), Failure> {
+    bank.write(path).or_internal()?;
+    say(&format!("wrote {}", path.display()));
+    Ok(())
+}
+
+/// Writes the bank and as many members, each as soon as all of them are fitted.
+fn write_ensemble(
+    arguments: &FitArguments,
+    bank: &Bank,
+    flights: &[Flight],
+    members: u32,
+) -> Result<(), Failure> {
+    let bar = progress(u64::from(members), "ensemble");
+    let banks = bootstrap(bank, flights, members as usize, arguments.seed, &mut |number| {
+        bar.set_position(number as u64);
+    });
+    bar.finish_and_clear();
+    write_bank(bank, &arguments.out.join("bank.json"))?;
+    for (number, member) in banks.or_input()?.into_iter().enumerate() {
+        let member = member.with_inputs(bank.provenance().inputs.clone());
+        write_bank(
+            &member,
+            &arguments.out.join(format!("member_{}.json", number + 1)),
+        )?;
+    }
+    Ok(())
 }
 
 /// Writes a value as JSON, whole or not at all.
-pub fn write_json(path: &std::path::Path, value: &impl serde::Serialize) -> Result<(), Failure> {
+pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<(), Failure> {
     let contents = serde_json::to_vec_pretty(value).or_internal()?;
     flyvine::file::write_whole(path, &contents).or_internal()
 }

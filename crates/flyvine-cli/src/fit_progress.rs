@@ -82,7 +82,7 @@ fn simulation(configuration: Option<Configuration>, at: FitProgress) -> String {
             format!("first 10 s of every flight, once more from start {}", start + 1)
         }
         FitStage::WholeFlights => "whole flights".to_owned(),
-        FitStage::SharedVehicle => "whole flights, one vehicle with every arm".to_owned(),
+        FitStage::AllConfigurations => "whole flights, drawn towards one vehicle".to_owned(),
     };
     format!(
         "{who}: {what}: tip {:.2} cm off on average after {} iterations",

@@ -140,13 +140,15 @@ pub fn fly_plan(
 }
 
 /// A vehicle, and the limits within which it may be flown.
-struct OpenVehicle {
-    vehicle: Box<dyn Vehicle>,
-    limits: Limits,
+pub struct OpenVehicle {
+    /// The vehicle.
+    pub vehicle: Box<dyn Vehicle>,
+    /// Its supervisor's limits.
+    pub limits: Limits,
 }
 
 /// Opens `sim`, `sim:FILE` or `exec:PROGRAM ARGS`.
-fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
+pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
     let (vehicle, limits): (Box<dyn Vehicle>, Limits) = match name.split_once(':') {
         None if name == "sim" => (
             Box::new(SimulatedVehicle::new(VehicleParameters::default()).or_internal()?),

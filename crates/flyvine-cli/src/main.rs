@@ -7,10 +7,12 @@ mod check;
 mod console;
 mod convert;
 mod demo;
+mod excite;
 mod fit;
 mod fit_progress;
 mod flights;
 mod fly;
+mod learn;
 mod outcome;
 mod physical_report;
 mod plan;
@@ -51,6 +53,8 @@ enum Command {
     Check(check::CheckArguments),
     Plan(plan::PlanArguments),
     Fly(fly::FlyArguments),
+    Learn(learn::LearnArguments),
+    Excite(excite::ExciteArguments),
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
     Solve(solve::SolveArguments),
@@ -67,6 +71,8 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(arguments),
         Command::Plan(arguments) => plan::run(arguments),
         Command::Fly(arguments) => fly::run(arguments),
+        Command::Learn(arguments) => learn::run(arguments),
+        Command::Excite(arguments) => excite::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),

@@ -6,6 +6,27 @@ use flyvine::model::{CornerFit, PhysicalFitReport};
 use crate::console::table;
 use crate::flights::configuration_label;
 
+/// What the user should know about the flights' clocks and the parameters' bounds.
+pub fn warnings(report: &PhysicalFitReport) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for corner in &report.corners {
+        let here = configuration_label(corner.configuration, None);
+        for timing in corner.timing.iter().filter(|timing| timing.notable()) {
+            warnings.push(format!(
+                "{here}: the streams of a flight are not in time: {timing}"
+            ));
+        }
+        for estimate in corner.parameters.iter().filter(|estimate| estimate.at_bound) {
+            warnings.push(format!(
+                "{here}: {} is at a bound ({} {}): the vehicle has what the model has not, or the flights do not \
+                 determine it",
+                estimate.name, estimate.value, estimate.unit
+            ));
+        }
+    }
+    warnings
+}
+
 /// The parameters with their standard errors, and what is to be said about them.
 pub fn tables(report: &PhysicalFitReport) -> String {
     let corners = &report.corners;
@@ -53,6 +74,16 @@ pub fn tables(report: &PhysicalFitReport) -> String {
             } else {
                 " (stopped while still improving a little)"
             }
+        );
+        let support = corner.support;
+        text += &format!(
+            "; the flights support tilts to {:.0}°, {:.1} m/s, arm angles to {:.0}°, tip speeds to {:.1} m/s, commands \
+             {:.1} m ahead (99 % of rows)",
+            support.tilt.to_degrees(),
+            support.speed_m_s,
+            support.arm_angle.to_degrees(),
+            support.tip_speed_m_s,
+            support.command_lead_m
         );
     }
     text

@@ -122,6 +122,7 @@ pub fn fit_families(
     options: &FamilyOptions,
     progress: &mut dyn FnMut(FamilyProgress),
 ) -> Result<(Bank, FamiliesReport), ModelError> {
+    options.lag.validate()?;
     super::fit::refuse_duplicates(flights)?;
     let groups = group(flights)?;
     let (kept, held_out) = split(flights, &groups);
@@ -131,7 +132,7 @@ pub fn fit_families(
         .map(|&index| flights[index].clone())
         .collect();
     let mut best: Option<(f64, Family, Bank, Option<PredictionBand>)> = None;
-    let (mut trials, mut first_error) = (Vec::new(), None);
+    let mut trials = Vec::new();
     for &family in &options.families {
         progress(FamilyProgress::Trying(family));
         let mut trial = FamilyTrial {
@@ -152,7 +153,6 @@ pub fn fit_families(
             }
             Err(error) => {
                 trial.failure = Some(error.to_string());
-                first_error.get_or_insert(error);
             }
         }
         progress(FamilyProgress::Tried(&trial));
@@ -167,6 +167,7 @@ pub fn fit_families(
             .map(|&family| (family, None, None))
             .collect(),
     };
+    let mut refused = None; // what all flights lack says more than what the kept ones did
     for (family, start, band) in candidates {
         progress(FamilyProgress::Chosen(family));
         match fit_one(family, flights, start.as_ref(), options, progress) {
@@ -183,11 +184,11 @@ pub fn fit_families(
                 return Ok((bank.with_band(band)?, report));
             }
             Err(error) => {
-                first_error.get_or_insert(error);
+                refused.get_or_insert(error);
             }
         }
     }
-    Err(first_error.unwrap_or(ModelError::Unsupported {
+    Err(refused.unwrap_or(ModelError::Unsupported {
         what: "families to try",
         found: "none".into(),
         expected: "lag, physical, or both".into(),

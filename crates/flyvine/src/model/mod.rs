@@ -14,6 +14,7 @@
 //! - [`LagModel::read_matrix`]: linear models published as a matrix.
 //! - [`fit_physical_bank`]: the same with the physical family ([`physical`]). [`fit_families`]: whichever family
 //!   predicts held-out flights better, with a band of confidence about its predictions.
+//! - [`bootstrap`]: an ensemble of models that the flights allow. [`Learner`]: a model refitted to flights of a task.
 //! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
 
 mod band;
@@ -21,12 +22,14 @@ mod bank;
 mod bank_file;
 mod check;
 mod corner;
+mod ensemble;
 mod error;
 mod families;
 mod family;
 mod features;
 mod fit;
 mod lag;
+mod learning;
 mod least_squares;
 mod matrix_file;
 mod one_step;
@@ -40,6 +43,7 @@ mod schedule;
 mod selection;
 mod stability;
 pub mod statistics;
+mod support;
 mod track;
 
 pub use band::{BAND_CONFIDENCE, PredictionBand};
@@ -49,6 +53,7 @@ pub use bank::{
 };
 pub use bank_file::BANK_SCHEMA_VERSION;
 pub use check::{CheckReport, FlightCheck, ModelCheck, PooledError, WindowKind, check};
+pub use ensemble::bootstrap;
 pub use error::ModelError;
 pub use families::{
     Chosen, FamiliesReport, Family, FamilyOptions, FamilyProgress, FamilyTrial, fit_families,
@@ -56,9 +61,11 @@ pub use families::{
 pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
+pub use learning::{Learner, Lesson, WeightTrial};
 pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 pub use rollout::RolloutError;
 pub use schedule::ScheduledModel;
 pub use selection::{Candidate, HeldOutError, RefinementTrial};
 pub use stability::spectral_radius;
+pub use support::Support;

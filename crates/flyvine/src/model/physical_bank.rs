@@ -6,9 +6,10 @@ use super::family::Model;
 use super::fit::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{
-    FitProgress, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions, PhysicalModel,
-    fit_physical, fit_shared_vehicle,
+    FitProgress, FlightTiming, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions,
+    PhysicalModel, fit_configurations, fit_physical, stream_timing,
 };
+use super::support::Support;
 use crate::flight::{Configuration, Flight};
 use nalgebra::DMatrix;
 use serde::Serialize;
@@ -40,14 +41,17 @@ pub struct CornerFit {
     pub tip_error_m: f64,
     /// Every parameter.
     pub parameters: Vec<ParameterEstimate>,
+    /// Clocks of the flights' streams.
+    pub timing: Vec<FlightTiming>,
+    /// How lively the flights were: where the model may be believed.
+    pub support: Support,
 }
 
 /// Fits one physical model per corner of the flown (pressure, length) range and joins them in a bank.
 ///
-/// The vehicle is the same whatever the arm's configuration: every corner is fitted on its own first, then all
-/// together with one vehicle ([`fit_shared_vehicle`]), so that what the bank interpolates is the arm alone. With a
-/// single corner the first fit is kept. Flights at interior configurations and flights whose configuration changes
-/// are not fitted.
+/// Every corner is fitted on its own first, then all together, drawn towards each other ([`fit_configurations`]), so
+/// that they can be interpolated. With a single corner the first fit is kept. Flights at interior configurations and
+/// flights whose configuration changes are not fitted.
 ///
 /// `progress` is called with the configuration that is being fitted (`None`: all of them) and where its fit is.
 ///
@@ -70,7 +74,7 @@ pub fn fit_physical_bank(
     }
     if fits.len() > 1 {
         let own: Vec<_> = fits.iter().map(|fit| fit.parameters).collect();
-        fits = shared_vehicle(flights, &groups, &own, options, progress)?;
+        fits = together(flights, &groups, &own, options, progress)?;
     }
     join(flights, &groups, fits)
 }
@@ -100,11 +104,11 @@ pub fn refit_physical_bank(
         .iter()
         .map(start)
         .collect::<Result<Vec<_>, ModelError>>()?;
-    let fits = shared_vehicle(flights, &groups, &starts, options, progress)?;
+    let fits = together(flights, &groups, &starts, options, progress)?;
     join(flights, &groups, fits)
 }
 
-fn shared_vehicle(
+fn together(
     flights: &[Flight],
     groups: &Groups,
     starts: &[Parameters<f64>],
@@ -116,7 +120,7 @@ fn shared_vehicle(
         .iter()
         .map(|(_, members)| chosen(flights, members))
         .collect();
-    let fits = fit_shared_vehicle(&members, starts, options, &mut |at| progress(None, at))?;
+    let fits = fit_configurations(&members, starts, options, &mut |at| progress(None, at))?;
     Ok(fits)
 }
 
@@ -129,14 +133,13 @@ fn join(
     groups: &Groups,
     fits: Vec<PhysicalModel>,
 ) -> Result<(Bank, PhysicalFitReport), ModelError> {
-    let models: Vec<BankModel> = groups
-        .corners
-        .iter()
-        .zip(fits)
-        .map(|((configuration, _), fit)| bank_model(*configuration, fit))
-        .collect::<Result<_, _>>()?;
+    let (mut models, mut corners) = (Vec::new(), Vec::new());
+    for ((configuration, members), fit) in groups.corners.iter().zip(fits) {
+        corners.extend(corner_fit(*configuration, &fit, &chosen(flights, members))?);
+        models.push(bank_model(*configuration, fit)?);
+    }
     let report = PhysicalFitReport {
-        corners: models.iter().filter_map(corner_fit).collect(),
+        corners,
         cross_checked: groups
             .interior
             .iter()
@@ -152,21 +155,26 @@ fn join(
     Ok((Bank::new(models, provenance)?, report))
 }
 
-/// What there is to say about the fit of one of the bank's models.
-fn corner_fit(model: &BankModel) -> Option<CornerFit> {
-    let Model::Physical(physical) = &model.model else {
-        return None;
+/// What there is to say about the fit of one corner.
+fn corner_fit(
+    configuration: Configuration,
+    model: &PhysicalModel,
+    flights: &[Flight],
+) -> Result<Option<CornerFit>, ModelError> {
+    let Some(summary) = &model.fit else {
+        return Ok(None);
     };
-    let summary = physical.fit.as_ref()?;
-    Some(CornerFit {
-        configuration: model.configuration,
+    Ok(Some(CornerFit {
+        configuration,
         flights: summary.flights.clone(),
         rows: summary.rows,
         iterations: summary.iterations,
         converged: summary.converged,
         tip_error_m: summary.tip_error_m,
-        parameters: physical.estimates(),
-    })
+        parameters: model.estimates(),
+        timing: stream_timing(model, flights, &summary.options)?,
+        support: Support::of(flights),
+    }))
 }
 
 fn bank_model(configuration: Configuration, fit: PhysicalModel) -> Result<BankModel, ModelError> {
@@ -232,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bank_of_two_lengths_shares_one_vehicle_and_predicts_its_flights() {
+    fn a_bank_of_two_lengths_has_one_vehicle_and_predicts_its_flights() {
         let flights = flights();
         let (bank, fitted) = fit_physical_bank(&flights, &quick(), &mut |_, _| {}).unwrap();
         assert_eq!(fitted.corners.len(), 2);
@@ -244,7 +252,9 @@ mod tests {
                 Model::Lag(_) => panic!("a physical model"),
             })
             .collect();
-        assert_eq!(parameters[0].with_vehicle(parameters[1]), *parameters[0]);
+        // Drawn towards each other, the vehicles are nearly one.
+        let gain = |own: &Parameters<f64>| own.velocity_gain_xy;
+        assert!((gain(parameters[0]) / gain(parameters[1]) - 1.0).abs() < 0.05);
         let report = check(&bank, &flights).unwrap();
         for flight in &report.flights {
             let error = flight.rollout[2].median_m.unwrap();

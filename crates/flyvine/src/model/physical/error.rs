@@ -33,6 +33,14 @@ pub enum PhysicalError {
         /// Row, from 0.
         row: usize,
     },
+    /// A flight's weight is not one.
+    #[error("flight {flight}: weight {found}, expected a finite number ≥ 0")]
+    Weight {
+        /// Name of the flight.
+        flight: String,
+        /// Weight found.
+        found: f64,
+    },
     /// Nothing to fit.
     #[error("no flight to fit the physical model to")]
     NoFlights,
@@ -84,6 +92,15 @@ pub enum PhysicalError {
         found: usize,
         /// The length it should have.
         expected: usize,
+    },
+    /// A model without a usable covariance, where one is needed.
+    #[error("the model has no positive definite covariance of its parameters, as a fitted one has")]
+    NoCovariance,
+    /// A hovering vehicle does not fit the room.
+    #[error("a hover with an arm of {length_m} m is not inside the room")]
+    NoRoom {
+        /// Length of the arm.
+        length_m: f64,
     },
     /// No start of the fit gave a simulation that stayed finite.
     #[error("the physical model's simulation diverged from every start of the fit")]

@@ -68,6 +68,8 @@ pub struct FlightData {
     pub commands: Vec<[f64; 3]>,
     /// What was seen in each row.
     pub observed: Vec<Observed>,
+    /// How much its rows count in a fit.
+    pub weight: f64,
 }
 
 impl FlightData {
@@ -117,6 +119,7 @@ impl FlightData {
             configurations,
             commands: samples.iter().map(|sample| sample.command).collect(),
             observed: samples.iter().map(Observed::from).collect(),
+            weight: 1.0,
         })
     }
 

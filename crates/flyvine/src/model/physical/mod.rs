@@ -22,10 +22,12 @@
 //! - [`PARAMETERS`] is the table of parameters: names, units, bounds, priors. [`Parameters::mean`] interpolates
 //!   between configurations: positive parameters geometrically, others arithmetically, lengths by the arm's own.
 //! - [`fit_physical`]: flights of one configuration → [`PhysicalModel`] (serializable, with its provenance and
-//!   the posterior covariance); [`fit_shared_vehicle`]: of several configurations, flown by one vehicle.
+//!   the posterior covariance); [`fit_configurations`]: of several configurations of one vehicle.
 //!   [`PhysicalModel::estimates`]: every parameter with its standard error, and whether it was determined.
 //! - [`PhysicalModel`] is [`crate::trajopt::Dynamics`]; all derivatives are exact, by forward-mode differentiation
 //!   of the same code (`scalar.rs`). Along a schedule it is a [`super::ScheduledModel`], which knows the growth.
+//! - [`design_flight`]: commands for the next training flight, from which most would be learnt.
+//! - [`stream_timing`]: are the recordings' clocks right?
 //! - [`observe`] estimates the hidden states from a flight's poses by an extended Kalman filter: rollouts
 //!   start from its estimates.
 
@@ -34,6 +36,7 @@ mod autopilot;
 mod dynamics;
 mod error;
 mod estimates;
+mod excitation;
 mod fit;
 mod flight_data;
 mod limits;
@@ -50,7 +53,11 @@ mod vector;
 pub use arm::ArmLength;
 pub use error::PhysicalError;
 pub use estimates::ParameterEstimate;
-pub use fit::{FitProgress, FitStage, PhysicalFitOptions, fit_physical, fit_shared_vehicle};
+pub use excitation::{Room, design_flight, information_gain};
+pub use fit::{
+    Estimate, FitProgress, FitStage, FlightTiming, PhysicalFitOptions, fit_configurations, fit_physical,
+    stream_timing,
+};
 pub use flight_data::{FlightData, Observed, arm_lengths};
 pub use model::{FitSummary, PhysicalModel};
 pub use observer::{Observer, observe};

@@ -1,11 +1,11 @@
 //! Levenberg–Marquardt with bounds, over the coordinates of the parameters.
 
-use super::super::parameters::{PARAMETERS, Parameters, Scale};
+use super::super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Scale};
 use super::problem::{Problem, Quadratic};
 use nalgebra::DVector;
 
 /// Relative decrease below which the minimum is reached.
-const TOLERANCE: f64 = 1e-3;
+const TOLERANCE: f64 = 5e-4;
 /// Damped steps tried per iteration.
 const MAX_TRIALS: usize = 8;
 /// Longest step per parameter and iteration: of a logarithm, of a linear parameter.
@@ -82,8 +82,9 @@ fn damped_step(
     damping: f64,
 ) -> Option<Vec<Parameters<f64>>> {
     let (mut hessian, mut gradient) = (quadratic.hessian.clone(), quadratic.gradient.clone());
-    for (entry, (configuration, i)) in problem.entries().enumerate() {
-        let (info, value) = (&PARAMETERS[i], parameters[configuration].to_array()[i]);
+    let values: Vec<f64> = parameters.iter().flat_map(|own| own.to_array()).collect();
+    for (entry, &value) in values.iter().enumerate() {
+        let info = &PARAMETERS[entry % PARAMETER_COUNT];
         let stopped_below = value <= info.lower && gradient[entry] > 0.0;
         let stopped_above = value >= info.upper && gradient[entry] < 0.0;
         if stopped_below || stopped_above || problem.held.contains(&info.name) {
@@ -97,12 +98,12 @@ fn damped_step(
     let step: DVector<f64> = -hessian.cholesky()?.solve(&gradient);
     let moved = |(number, own): (usize, &Parameters<f64>)| {
         let mut coordinates = own.coordinates();
-        for (i, place) in problem.places(number).into_iter().enumerate() {
-            let longest = match PARAMETERS[i].scale {
+        for (i, info) in PARAMETERS.iter().enumerate() {
+            let longest = match info.scale {
                 Scale::Log => LONGEST_STEP.0,
                 Scale::Linear => LONGEST_STEP.1,
             };
-            coordinates[i] += step[place].clamp(-longest, longest);
+            coordinates[i] += step[number * PARAMETER_COUNT + i].clamp(-longest, longest);
         }
         Parameters::from_coordinates(coordinates)
     };

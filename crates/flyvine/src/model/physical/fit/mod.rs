@@ -11,17 +11,20 @@ mod problem;
 mod residual;
 #[cfg(test)]
 mod tests;
+mod timing;
 
 use super::error::PhysicalError;
 use super::flight_data::FlightData;
 use super::model::{FitSummary, PhysicalModel};
-use super::parameters::{PARAMETERS, Parameters, Part};
+use super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
 use crate::flight::Flight;
 use levenberg_marquardt::{Minimum, minimize};
 use nalgebra::DMatrix;
 use problem::Problem;
 use residual::Misfit;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+pub use timing::{Estimate, FlightTiming};
 
 /// Options of [`fit_physical`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -41,6 +44,11 @@ pub struct PhysicalFitOptions {
     pub vehicle: Option<Parameters<f64>>,
     /// Further starts, tried before the built-in variations of the defaults: another configuration's result.
     pub starts: Vec<Parameters<f64>>,
+    /// How much the rows of a flight count, by its name. Default: every flight 1.
+    pub weights: BTreeMap<String, f64>,
+    /// Where a fit continues from known parameters ([`fit_configurations`]), keep near them: every coordinate has
+    /// this many standard deviations of its prior for a radius. Default: no such radius.
+    pub trust_radius: Option<f64>,
 }
 
 impl Default for PhysicalFitOptions {
@@ -53,6 +61,8 @@ impl Default for PhysicalFitOptions {
             max_iterations: 10,
             vehicle: None,
             starts: Vec::new(),
+            weights: BTreeMap::new(),
+            trust_radius: None,
         }
     }
 }
@@ -63,8 +73,8 @@ const FIRST_ROWS: usize = 200;
 const FIRST_SCALE_M: f64 = 0.3;
 const FIRST_CORRELATED_ROWS: f64 = 100.0;
 const FIRST_ITERATIONS: usize = 15;
-/// A start explains the first rows if their mean loss is below this: residuals of about 2 σ.
-const EXPLAINED_LOSS: f64 = 4.0;
+/// A start explains the first rows if their mean loss is below this: residuals of about 3 σ.
+const EXPLAINED_LOSS: f64 = 9.0;
 /// Limits that ordinary flights do not reach, held in the first stage.
 const LIMITS: [&str; 4] = [
     "rate_limit",
@@ -83,8 +93,8 @@ pub enum FitStage {
     },
     /// Simulating whole flights of one configuration.
     WholeFlights,
-    /// Simulating whole flights of all configurations, which share a vehicle.
-    SharedVehicle,
+    /// Simulating whole flights of all configurations of one vehicle.
+    AllConfigurations,
 }
 
 /// Where a fit is, for progress reports.
@@ -111,11 +121,12 @@ pub fn fit_physical(
     options: &PhysicalFitOptions,
     progress: &mut dyn FnMut(FitProgress),
 ) -> Result<PhysicalModel, PhysicalError> {
-    let stretches = one_configuration(flights)?;
+    let stretches = one_configuration(flights, options)?;
     let first = first_stage(&stretches, options, progress).ok_or(PhysicalError::Diverged)?;
     let problem = Problem {
         misfits: vec![whole_flights(&stretches, options)],
         held: held(options, &[]),
+        trust: None,
     };
     let minimum = minimize(
         &problem,
@@ -127,55 +138,64 @@ pub fn fit_physical(
     Ok(models.remove(0))
 }
 
-/// Fits one vehicle with an arm per configuration: `groups` holds the flights of each, `own` the parameters that
-/// were found for each on its own, or all together earlier. It begins with the vehicle of one of them, or their
-/// mean, whichever explains all flights best.
+/// Fits all configurations of one vehicle together: `groups` holds the flights of each, `starts` the parameters to
+/// begin with: those that were found for each on its own, or for all together earlier. The configurations keep
+/// parameters of their own, drawn towards each other.
 ///
 /// # Errors
 /// As [`fit_physical`].
-pub fn fit_shared_vehicle(
+pub fn fit_configurations(
     groups: &[Vec<Flight>],
-    own: &[Parameters<f64>],
+    starts: &[Parameters<f64>],
     options: &PhysicalFitOptions,
     progress: &mut dyn FnMut(FitProgress),
 ) -> Result<Vec<PhysicalModel>, PhysicalError> {
-    if own.is_empty() || own.len() != groups.len() {
+    if starts.is_empty() || starts.len() != groups.len() {
         return Err(PhysicalError::Shape {
             what: "parameters to start the configurations' fits from",
-            found: own.len(),
+            found: starts.len(),
             expected: groups.len().max(1),
         });
     }
     let stretches = groups
         .iter()
-        .map(|flights| one_configuration(flights))
+        .map(|flights| one_configuration(flights, options))
         .collect::<Result<Vec<_>, _>>()?;
     let problem = Problem {
         misfits: stretches.iter().map(|own| whole_flights(own, options)).collect(),
         held: held(options, &[]),
+        trust: options.trust_radius.map(|radius| (starts.to_vec(), radius)),
     };
-    let shares: Vec<_> = own.iter().map(|own| (1.0 / groups.len() as f64, own)).collect();
-    let mut vehicles = vec![Parameters::mean(&shares)];
-    vehicles.extend_from_slice(own);
-    if let Some(known) = options.vehicle {
-        vehicles = vec![known];
-    }
-    let starts = vehicles.iter().map(|vehicle| {
-        let start: Vec<_> = own.iter().map(|own| own.with_vehicle(vehicle)).collect();
-        (problem.value(&start).0, start)
+    let start = starts.iter().map(|start| match &options.vehicle {
+        Some(vehicle) => start.with_vehicle(vehicle),
+        None => *start,
     });
-    let (_, start) = starts
-        .min_by(|a, b| a.0.total_cmp(&b.0))
-        .ok_or(PhysicalError::Diverged)?;
-    let minimum = minimize(&problem, start, options.max_iterations, &mut |minimum| {
-        report(FitStage::SharedVehicle, minimum, progress)
-    });
+    let minimum = minimize(
+        &problem,
+        start.collect(),
+        options.max_iterations,
+        &mut |minimum| report(FitStage::AllConfigurations, minimum, progress),
+    );
     let groups: Vec<(&[Flight], &[FlightData])> = groups
         .iter()
         .zip(&stretches)
         .map(|(flights, stretches)| (flights.as_slice(), stretches.as_slice()))
         .collect();
     posterior(&problem, &minimum, &groups, options)
+}
+
+/// How late the streams of each of `flights`, all of one configuration, are behind their commands, compared with
+/// what `model`, fitted to them, expects.
+///
+/// # Errors
+/// As [`fit_physical`]; the model's equations are singular.
+pub fn stream_timing(
+    model: &PhysicalModel,
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+) -> Result<Vec<FlightTiming>, PhysicalError> {
+    let stretches = one_configuration(flights, options)?;
+    timing::timing(&whole_flights(&stretches, options), &model.parameters).ok_or(PhysicalError::Diverged)
 }
 
 fn whole_flights<'a>(flights: &'a [FlightData], options: &'a PhysicalFitOptions) -> Misfit<'a> {
@@ -210,12 +230,12 @@ fn posterior(
     let hessian = problem.quadratic(&minimum.parameters).hessian;
     let covariance: DMatrix<f64> = hessian.cholesky().ok_or(PhysicalError::Diverged)?.inverse();
     let model = |(number, &(flights, stretches)): (usize, &(&[Flight], &[FlightData]))| {
-        let places = problem.places(number);
-        let row = |i: usize| places.map(|j| covariance[(i, j)]).to_vec();
+        let own = number * PARAMETER_COUNT..(number + 1) * PARAMETER_COUNT;
+        let row = |i: usize| own.clone().map(|j| covariance[(i, j)]).collect();
         PhysicalModel {
             parameters: minimum.parameters[number],
             arm: stretches[0].arms[0],
-            covariance: places.into_iter().map(row).collect(),
+            covariance: own.clone().map(row).collect(),
             fit: Some(FitSummary {
                 tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
                 flights: flights.iter().map(|flight| flight.name.clone()).collect(),
@@ -235,10 +255,21 @@ fn posterior(
 }
 
 /// All stretches of all flights, after a check that their configuration is one and the same.
-fn one_configuration(flights: &[Flight]) -> Result<Vec<FlightData>, PhysicalError> {
+fn one_configuration(
+    flights: &[Flight],
+    options: &PhysicalFitOptions,
+) -> Result<Vec<FlightData>, PhysicalError> {
     let mut stretches = Vec::new();
     for flight in flights {
-        stretches.extend(FlightData::stretches(flight)?);
+        let weight = *options.weights.get(&flight.name).unwrap_or(&1.0);
+        if !(weight.is_finite() && weight >= 0.0) {
+            return Err(PhysicalError::Weight {
+                flight: flight.name.clone(),
+                found: weight,
+            });
+        }
+        let own = FlightData::stretches(flight)?;
+        stretches.extend(own.into_iter().map(|stretch| FlightData { weight, ..stretch }));
     }
     let expected = stretches.first().ok_or(PhysicalError::NoFlights)?.configurations[0];
     for stretch in &stretches {
@@ -271,6 +302,7 @@ fn first_stage(
     let problem = Problem {
         misfits: vec![misfit],
         held: held(options, &LIMITS),
+        trust: None,
     };
     let mut best: Option<Minimum> = None;
     let starts = options.starts.iter().copied().chain(built_in_starts());

@@ -1,23 +1,37 @@
-//! The fit's minimization problem: the misfits of one or several configurations that share a vehicle, and the
-//! priors of the parameters.
+//! The fit's minimization problem: the misfits of one or several configurations of one vehicle, and the priors of
+//! the parameters.
 
 use super::super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
 use super::residual::{Misfit, Value};
 use nalgebra::{DMatrix, DVector};
 
-/// Over the parameters of every configuration, with one vehicle for all of them, minimizes
+/// How much the configurations of one vehicle differ, in standard deviations of the prior (κ): in the vehicle's own
+/// parameters hardly, only as far as they stand in for what the model lacks; in the arm's, more.
+const ALIKE: [(Part, f64); 2] = [(Part::Vehicle, 0.1), (Part::Arm, 0.3)];
+
+/// Over the parameters of every configuration, minimizes
 ///
 /// ```text
-/// Σ_configurations misfit  +  Σ_parameters ((coordinate − default) / prior σ)²
+///    Σ_configurations misfit
+/// +  Σ_parameters ((coordinate − default) / prior σ)²
+/// +  Σ_parameters ((coordinate − mean over the configurations) / (κ · prior σ))²
+/// ( + Σ_parameters ((coordinate − known) / (radius · prior σ))² )
 /// ```
+///
+/// The third sum says that it is one vehicle, with arms that are alike. Without it, what a corner's flights leave
+/// open (the place of the base against the stiffness of its joint, say) would be settled differently from corner to
+/// corner, and the models between them would be like neither.
 pub struct Problem<'a> {
     /// One per configuration.
     pub misfits: Vec<Misfit<'a>>,
     /// Names of parameters that stay as they are.
     pub held: Vec<&'a str>,
+    /// Known parameters of every configuration to keep near, and the radius.
+    pub trust: Option<(Vec<Parameters<f64>>, f64)>,
 }
 
-/// Half the gradient and the Gauss–Newton half of the Hessian of a [`Problem`].
+/// Half the gradient and the Gauss–Newton half of the Hessian of a [`Problem`], with [`PARAMETER_COUNT`] unknowns
+/// per configuration.
 pub struct Quadratic {
     /// Half the gradient.
     pub gradient: DVector<f64>,
@@ -26,8 +40,7 @@ pub struct Quadratic {
 }
 
 impl Problem<'_> {
-    /// The objective at `parameters`, one set per configuration that agree on the vehicle, and what the
-    /// simulations were like.
+    /// The objective at `parameters`, one set per configuration, and what the simulations were like.
     pub fn value(&self, parameters: &[Parameters<f64>]) -> (f64, Value) {
         let values = self
             .misfits
@@ -35,60 +48,67 @@ impl Problem<'_> {
             .zip(parameters)
             .map(|(misfit, own)| misfit.value(own));
         let total = values.fold(Value::default(), Value::and);
-        let prior: f64 = self
-            .entries()
-            .map(|(configuration, i)| {
-                let (deviation, precision) = prior(&parameters[configuration], i);
-                precision * deviation * deviation
-            })
-            .sum();
-        (total.loss + prior, total)
-    }
-
-    /// The quadratic model at `parameters`, in the order of [`Self::entries`].
-    pub fn quadratic(&self, parameters: &[Parameters<f64>]) -> Quadratic {
-        let size = self.entries().count();
-        let (mut gradient, mut hessian) = (DVector::zeros(size), DMatrix::zeros(size, size));
-        for (number, (misfit, own)) in self.misfits.iter().zip(parameters).enumerate() {
-            let part = misfit.normal_equations(own);
-            let places = self.places(number);
-            for (i, &row) in places.iter().enumerate() {
-                gradient[row] += part.gradient[i];
-                for (j, &column) in places.iter().enumerate() {
-                    hessian[(row, column)] += part.hessian[(i, j)];
+        let mut penalty = 0.0;
+        for number in 0..parameters.len() {
+            for i in 0..PARAMETER_COUNT {
+                for (deviation, precision, _) in self.penalties(parameters, number, i) {
+                    penalty += precision * deviation * deviation;
                 }
             }
         }
-        for (entry, (configuration, i)) in self.entries().enumerate() {
-            let (deviation, precision) = prior(&parameters[configuration], i);
-            gradient[entry] += precision * deviation;
-            hessian[(entry, entry)] += precision;
+        (total.loss + penalty, total)
+    }
+
+    /// The quadratic model at `parameters`.
+    pub fn quadratic(&self, parameters: &[Parameters<f64>]) -> Quadratic {
+        let count = parameters.len();
+        let size = count * PARAMETER_COUNT;
+        let (mut gradient, mut hessian) = (DVector::zeros(size), DMatrix::zeros(size, size));
+        for (number, (misfit, own)) in self.misfits.iter().zip(parameters).enumerate() {
+            let part = misfit.normal_equations(own);
+            let at = number * PARAMETER_COUNT;
+            gradient.rows_mut(at, PARAMETER_COUNT).copy_from(&part.gradient);
+            hessian
+                .view_mut((at, at), (PARAMETER_COUNT, PARAMETER_COUNT))
+                .copy_from(&part.hessian);
+            for i in 0..PARAMETER_COUNT {
+                let entry = at + i;
+                for (deviation, precision, about_mean) in self.penalties(parameters, number, i) {
+                    gradient[entry] += precision * deviation;
+                    hessian[(entry, entry)] += precision;
+                    if about_mean {
+                        for other in 0..count {
+                            hessian[(entry, other * PARAMETER_COUNT + i)] -= precision / count as f64;
+                        }
+                    }
+                }
+            }
         }
         Quadratic { gradient, hessian }
     }
 
-    /// The unknowns as (configuration, parameter): the vehicle's once, then the arm's of every configuration.
-    pub fn entries(&self) -> impl Iterator<Item = (usize, usize)> {
-        let of = |part: Part| (0..PARAMETER_COUNT).filter(move |&i| PARAMETERS[i].part == part);
-        let arms = (0..self.misfits.len()).flat_map(move |number| of(Part::Arm).map(move |i| (number, i)));
-        of(Part::Vehicle).map(|i| (0, i)).chain(arms)
+    /// What a coordinate should be near to: its deviation from there, the precision, and whether that is the mean
+    /// over the configurations (which moves with it).
+    fn penalties(
+        &self,
+        parameters: &[Parameters<f64>],
+        number: usize,
+        i: usize,
+    ) -> impl Iterator<Item = (f64, f64, bool)> {
+        let info = &PARAMETERS[i];
+        let coordinate = |own: &Parameters<f64>| info.coordinate(own.to_array()[i]);
+        let here = coordinate(&parameters[number]);
+        let precision = info.prior_sigma.powi(-2);
+        let prior = (here - info.coordinate(info.default), precision, false);
+        let mean = parameters.iter().map(coordinate).sum::<f64>() / parameters.len() as f64;
+        let alike = ALIKE
+            .into_iter()
+            .find(|(part, _)| *part == info.part && parameters.len() > 1)
+            .map(|(_, kappa)| (here - mean, precision / (kappa * kappa), true));
+        let known = self.trust.as_ref().map(|(known, radius)| {
+            let deviation = here - coordinate(&known[number]);
+            (deviation, precision / (radius * radius), false)
+        });
+        std::iter::once(prior).chain(alike).chain(known)
     }
-
-    /// Where the parameters of one configuration are among the unknowns.
-    pub fn places(&self, configuration: usize) -> [usize; PARAMETER_COUNT] {
-        let mut places = [0; PARAMETER_COUNT];
-        for (entry, (owner, i)) in self.entries().enumerate() {
-            if owner == configuration || PARAMETERS[i].part == Part::Vehicle {
-                places[i] = entry;
-            }
-        }
-        places
-    }
-}
-
-/// Deviation of a parameter's coordinate from its default, and the prior's precision.
-fn prior(parameters: &Parameters<f64>, i: usize) -> (f64, f64) {
-    let info = &PARAMETERS[i];
-    let deviation = info.coordinate(parameters.to_array()[i]) - info.coordinate(info.default);
-    (deviation, info.prior_sigma.powi(-2))
 }

@@ -19,7 +19,7 @@ pub type Column = nalgebra::SVector<f64, N>;
 /// How far simulations of one configuration's flights are from what was seen:
 ///
 /// ```text
-/// 1/c Σ_rows Σ_bodies s² ln(1 + |e|² / (σ s)²)
+/// 1/c Σ_flights weight Σ_rows Σ_bodies s² ln(1 + |e|² / (σ s)²)
 /// ```
 ///
 /// with residuals e of quadrotor position, attitude and end effector, each with its own σ. The logarithm
@@ -132,7 +132,7 @@ impl Misfit<'_> {
                 &Vector(flight.commands[row]),
             );
         }
-        sum.loss /= self.correlated_rows;
+        sum.loss *= flight.weight / self.correlated_rows;
         sum
     }
 
@@ -149,7 +149,7 @@ impl Misfit<'_> {
                 let error = values[entry] - flight.observed[row].outputs[entry];
                 let slopes = &outputs[entry].gradient;
                 for j in 0..N {
-                    let weighted = weights[entry] * slopes[j];
+                    let weighted = flight.weight * weights[entry] * slopes[j];
                     gradient[j] += weighted * error;
                     for i in 0..=j {
                         hessian[(i, j)] += weighted * slopes[i];
@@ -167,7 +167,7 @@ impl Misfit<'_> {
     }
 
     /// Loss of one row, and the weight of every squared residual at which its slope is the loss's (times 1/c).
-    fn row_loss(
+    pub fn row_loss(
         &self,
         flight: &FlightData,
         row: usize,

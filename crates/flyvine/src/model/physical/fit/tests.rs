@@ -44,7 +44,8 @@ fn data(flights: &[Flight]) -> Vec<FlightData> {
 
 #[test]
 fn gradient_of_the_objective_agrees_with_finite_differences() {
-    let stretches = data(&flights(80, 1e-3));
+    let mut stretches = data(&flights(80, 1e-3));
+    stretches[1].weight = 3.0;
     let options = PhysicalFitOptions::default();
     let misfit = || Misfit {
         flights: &stretches,
@@ -53,10 +54,11 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
         correlated_rows: 30.0,
         options: &options,
     };
-    // Two configurations that share a vehicle, though with the same flights.
+    // Two configurations of one vehicle, though with the same flights.
     let problem = Problem {
         misfits: vec![misfit(), misfit()],
         held: vec![],
+        trust: Some((vec![vehicle(), vehicle()], 0.5)),
     };
     let parameters = Parameters {
         command_delay: 0.023, // away from the kinks at whole substeps
@@ -69,12 +71,13 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
     };
     let quadratic = problem.quadratic(&[parameters, other]);
     let scale = quadratic.gradient.amax();
-    for (entry, (configuration, i)) in problem.entries().enumerate() {
+    for entry in 0..2 * PARAMETER_COUNT {
+        let (configuration, i) = (entry / PARAMETER_COUNT, entry % PARAMETER_COUNT);
         let info = &PARAMETERS[i];
         let shifted = |by: f64| {
             let moved = |(number, own): (usize, &Parameters<f64>)| {
                 let mut values = own.to_array();
-                if number == configuration || info.part == Part::Vehicle {
+                if number == configuration {
                     // Not through `from_coordinates`, which clamps to the bounds.
                     values[i] = info.value(info.coordinate(values[i]) + by);
                 }
@@ -180,4 +183,75 @@ fn bad_flights_are_refused_by_name() {
     let mut short = good.clone();
     short[1].samples.truncate(10);
     assert!(fit(&short).contains("10 rows"));
+}
+
+/// The flight with its poses as a clock that is late by `late_s` and gains `drift` s per s shows them: the pose of
+/// the time before, interpolated.
+fn late(flight: &Flight, quadrotor_s: f64, tip_s: f64, drift: f64) -> Flight {
+    let mut shifted = flight.clone();
+    let rows = flight.samples.len();
+    let pose_at = |row: usize, late_s: f64, entry: usize| {
+        let position = (row as f64 - late_s / crate::DT).clamp(0.0, (rows - 1) as f64);
+        let below = (position.floor() as usize).min(rows - 2);
+        let share = position - below as f64;
+        let value = |row: usize| {
+            let sample = &flight.samples[row];
+            match entry {
+                0..3 => sample.quadrotor.unwrap().position[entry],
+                _ => sample.end_effector.unwrap()[entry - 3],
+            }
+        };
+        (1.0 - share) * value(below) + share * value(below + 1)
+    };
+    for row in 0..rows {
+        let drifted = drift * (row as f64 - 0.5 * rows as f64) * crate::DT;
+        let mut pose = shifted.samples[row].quadrotor.unwrap();
+        pose.position = std::array::from_fn(|i| pose_at(row, quadrotor_s + drifted, i));
+        shifted.samples[row].quadrotor = Some(pose);
+        shifted.samples[row].end_effector =
+            Some(std::array::from_fn(|i| pose_at(row, tip_s + drifted, 3 + i)));
+    }
+    shifted
+}
+
+#[test]
+fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
+    let mut flights = flights(260, 3e-4);
+    let truth = PhysicalModel {
+        parameters: vehicle(),
+        arm: crate::model::physical::ArmLength::constant(0.8),
+        covariance: Vec::new(),
+        fit: None,
+    };
+    let options = PhysicalFitOptions::default();
+    let timing = |flights: &[Flight]| stream_timing(&truth, flights, &options).unwrap();
+    for flight in timing(&flights) {
+        assert!(!flight.notable(), "{flight}");
+    }
+    let good = flights[1].clone();
+    flights[1] = late(&good, 0.0, 0.02, 0.0);
+    let found = timing(&flights);
+    assert!(
+        found[1].notable() && !found[0].notable(),
+        "{} {}",
+        found[0],
+        found[1]
+    );
+    assert!(
+        (found[1].end_effector_late_s.value - 0.02).abs() < 0.005,
+        "{}",
+        found[1]
+    );
+    assert!(found[1].quadrotor_late_s.value.abs() < 0.005, "{}", found[1]);
+
+    flights[1] = late(&good, 0.02, 0.02, 0.0);
+    let found = &timing(&flights)[1];
+    assert!((found.quadrotor_late_s.value - 0.02).abs() < 0.006, "{found}");
+
+    flights[1] = late(&good, 0.0, 0.0, 2e-3);
+    let found = &timing(&flights)[1];
+    assert!(
+        found.notable() && (found.drift.value - 2e-3).abs() < 5e-4,
+        "{found}"
+    );
 }

@@ -1,0 +1,242 @@
+//! Learning by flying: a physical model, refitted to recordings and to flights of the task that it plans.
+//!
+//! One flight says much about what it did and little about anything else, and a model fitted to it alone plans the
+//! next one worse. So every refit sees all recordings, the task's flights weighted, within a trust region about the
+//! parameters so far; and how much a flight may weigh is decided on recordings that are held out: of several weights
+//! the greatest one whose trial predicts them no worse than without the flight.
+
+use super::bank::{Bank, BankModel, ModelDiagnostics};
+use super::check::predict;
+use super::error::ModelError;
+use super::families::Family;
+use super::physical::PhysicalFitOptions;
+use super::physical_bank::refit_physical_bank;
+use super::selection::{HORIZONS, HeldOutError, pool};
+use super::track::constant_configuration;
+use crate::flight::{Configuration, Flight};
+use serde::Serialize;
+
+/// Weights that are tried for the task's flights, the greatest first.
+const WEIGHTS: [f64; 3] = [30.0, 10.0, 3.0];
+/// Held-out recordings predicted worse than before by more than this factor: that weight is too great.
+const NO_WORSE: f64 = 1.05;
+/// Each third recording is held out from the trials.
+const HELD_OUT: usize = 3;
+/// Radius of the trust region of one refit, in standard deviations of the priors.
+const TRUST_RADIUS: f64 = 0.5;
+
+/// What was known before, and what was flown since.
+#[derive(Debug, Clone)]
+pub struct Learner {
+    bank: Bank,
+    recordings: Vec<Flight>,
+    flown: Vec<Flight>,
+    /// Weight of the flights that were flown, as last accepted.
+    weight: f64,
+}
+
+/// One weight that was tried.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct WeightTrial {
+    /// The weight of the task's flights.
+    pub weight: f64,
+    /// Error on held-out recordings; `None` if no window fits them.
+    pub held_out: Option<HeldOutError>,
+}
+
+/// What one flight taught.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Lesson {
+    /// Held-out error of a trial without the new flight; `None` without recordings to hold out.
+    pub before: Option<HeldOutError>,
+    /// The weights that were tried, in order; the last one was accepted, unless none was.
+    pub trials: Vec<WeightTrial>,
+    /// The weight that was accepted; `None`: the model stays as it was.
+    pub accepted: Option<f64>,
+}
+
+impl Learner {
+    /// Begins with `bank`'s model at `configuration` and, of `recordings`, those that were flown there.
+    ///
+    /// # Errors
+    /// The bank is of the lag family, or does not cover the configuration.
+    pub fn new(bank: &Bank, configuration: Configuration, recordings: &[Flight]) -> Result<Self, ModelError> {
+        if bank.family() != Family::Physical {
+            return Err(ModelError::Unsupported {
+                what: "bank to learn with",
+                found: "the lag family".into(),
+                expected: "the physical family (`fit --family physical`)".into(),
+            });
+        }
+        let model = BankModel {
+            configuration,
+            model: bank.at(configuration)?,
+            diagnostics: ModelDiagnostics::default(),
+        };
+        let here = |flight: &&Flight| {
+            constant_configuration(flight).is_some_and(|found| super::bank::same(&found, &configuration))
+        };
+        Ok(Learner {
+            bank: Bank::new(vec![model], bank.provenance().clone())?,
+            recordings: recordings.iter().filter(here).cloned().collect(),
+            flown: Vec::new(),
+            weight: 0.0,
+        })
+    }
+
+    /// The model to plan with.
+    pub fn bank(&self) -> &Bank {
+        &self.bank
+    }
+
+    /// Number of recordings that are fitted beside the task's flights.
+    pub fn recordings(&self) -> usize {
+        self.recordings.len()
+    }
+
+    /// Takes in a flight of the task.
+    ///
+    /// # Errors
+    /// The flight cannot be simulated, or was flown at another configuration ([`super::fit_physical_bank`]).
+    pub fn learn(&mut self, flight: Flight) -> Result<Lesson, ModelError> {
+        let (held_out, kept): (Vec<_>, Vec<_>) = self
+            .recordings
+            .iter()
+            .cloned()
+            .enumerate()
+            .partition(|(place, _)| place % HELD_OUT == HELD_OUT - 1);
+        let held_out: Vec<Flight> = held_out.into_iter().map(|(_, flight)| flight).collect();
+        let kept: Vec<Flight> = kept.into_iter().map(|(_, flight)| flight).collect();
+        let mut flown = self.flown.clone();
+        let without = if held_out.is_empty() {
+            None
+        } else {
+            error(&refit(&self.bank, &kept, &flown, self.weight)?, &held_out)?
+        };
+        flown.push(flight);
+        let mut lesson = Lesson {
+            before: without,
+            trials: Vec::new(),
+            accepted: None,
+        };
+        for weight in WEIGHTS {
+            let trial = match without {
+                None => None,
+                Some(_) => error(&refit(&self.bank, &kept, &flown, weight)?, &held_out)?,
+            };
+            lesson.trials.push(WeightTrial {
+                weight,
+                held_out: trial,
+            });
+            let no_worse = match (without, trial) {
+                (Some(before), Some(after)) => after.mean_m <= NO_WORSE * before.mean_m,
+                (before, _) => before.is_none(),
+            };
+            if no_worse {
+                lesson.accepted = Some(weight);
+                break;
+            }
+        }
+        if let Some(weight) = lesson.accepted {
+            self.bank = refit(&self.bank, &self.recordings, &flown, weight)?;
+            self.weight = weight;
+        }
+        self.flown = flown;
+        Ok(lesson)
+    }
+}
+
+/// The model fitted to recordings and, weighted, the task's flights, near where it was.
+fn refit(bank: &Bank, recordings: &[Flight], flown: &[Flight], weight: f64) -> Result<Bank, ModelError> {
+    let options = PhysicalFitOptions {
+        weights: flown.iter().map(|flight| (flight.name.clone(), weight)).collect(),
+        trust_radius: Some(TRUST_RADIUS),
+        ..PhysicalFitOptions::default()
+    };
+    let flights: Vec<Flight> = recordings.iter().chain(flown).cloned().collect();
+    Ok(refit_physical_bank(bank, &flights, &options, &mut |_, _| {})?.0)
+}
+
+fn error(bank: &Bank, flights: &[Flight]) -> Result<Option<HeldOutError>, ModelError> {
+    let windows = flights
+        .iter()
+        .map(|flight| Ok(predict(bank, flight)?.windows(&HORIZONS)))
+        .collect::<Result<Vec<_>, ModelError>>()?;
+    Ok(pool(&windows))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bank::BankProvenance;
+    use super::super::family::Model;
+    use super::super::physical::synthetic::{random_commands, simulate_flight};
+    use super::super::physical::{ArmLength, Parameters, PhysicalModel};
+    use super::*;
+    use crate::model::check;
+
+    const HERE: Configuration = Configuration {
+        length_m: 0.8,
+        pressure_kpa: 0.0,
+    };
+
+    fn flight(vehicle: &Parameters<f64>, seed: u64, rows: usize) -> Flight {
+        let (commands, name) = (random_commands(rows, seed), format!("flight {seed}"));
+        simulate_flight(&name, vehicle, 0.8, &commands, 3e-4, seed).0
+    }
+
+    fn bank() -> Bank {
+        let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.8)).unwrap();
+        let model = BankModel {
+            configuration: HERE,
+            model: Model::Physical(Box::new(model)),
+            diagnostics: ModelDiagnostics::default(),
+        };
+        Bank::new(vec![model], BankProvenance::default()).unwrap()
+    }
+
+    /// Median error at 2.5 s, m.
+    fn error_on(bank: &Bank, flight: &Flight) -> f64 {
+        check(bank, std::slice::from_ref(flight)).unwrap().flights[0].rollout[2]
+            .median_m
+            .unwrap()
+    }
+
+    #[test]
+    fn flights_of_a_vehicle_that_is_not_as_it_was_are_learnt_from() {
+        let vehicle = Parameters {
+            velocity_gain_xy: 2.2,
+            tip_mass: 0.25,
+            ..Parameters::defaults()
+        };
+        let mut learner = Learner::new(&bank(), HERE, &[]).unwrap();
+        let unseen = flight(&vehicle, 9, 200);
+        let before = error_on(learner.bank(), &unseen);
+        let lesson = learner.learn(flight(&vehicle, 1, 80)).unwrap();
+        assert!(lesson.accepted.is_some() && lesson.before.is_none());
+        let after = error_on(learner.bank(), &unseen);
+        assert!(after < 0.5 * before, "{before} m, then {after} m");
+    }
+
+    #[test]
+    fn a_flight_that_contradicts_the_held_out_recordings_is_not_followed() {
+        let vehicle = Parameters::defaults();
+        let recordings: Vec<Flight> = (1..=3).map(|seed| flight(&vehicle, seed, 260)).collect();
+        let mut learner = Learner::new(&bank(), HERE, &recordings).unwrap();
+        // As if the tip marker had slipped by 15 cm, and the vehicle were another.
+        let other = Parameters {
+            position_gain_xy: 2.5,
+            velocity_gain_xy: 4.0,
+            ..vehicle
+        };
+        let mut wrong = flight(&other, 8, 80);
+        for sample in &mut wrong.samples {
+            sample.end_effector = sample.end_effector.map(|[x, y, z]| [x, y, z + 0.15]);
+        }
+        let lesson = learner.learn(wrong).unwrap();
+        assert_eq!(lesson.accepted, None, "{lesson:?}");
+        assert_eq!(
+            *learner.bank(),
+            Learner::new(&bank(), HERE, &recordings).unwrap().bank
+        );
+    }
+}
