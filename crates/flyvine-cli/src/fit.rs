@@ -73,11 +73,26 @@ pub struct FitArguments {
     json: bool,
 }
 
+/// The families to try.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum FamilyChoice {
+pub enum FamilyChoice {
+    /// All of them.
     Auto,
+    /// The paper's.
     Lag,
+    /// Reduced-order physics.
     Physical,
+}
+
+impl FamilyChoice {
+    /// The families to try, in order.
+    pub fn families(self) -> Vec<Family> {
+        match self {
+            Self::Auto => vec![Family::Lag, Family::Physical],
+            Self::Lag => vec![Family::Lag],
+            Self::Physical => vec![Family::Physical],
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -136,11 +151,7 @@ impl FitArguments {
 pub fn run(arguments: &FitArguments) -> CommandResult {
     let flights = load_flights(&arguments.flights)?;
     let options = FamilyOptions {
-        families: match arguments.family {
-            FamilyChoice::Auto => vec![Family::Lag, Family::Physical],
-            FamilyChoice::Lag => vec![Family::Lag],
-            FamilyChoice::Physical => vec![Family::Physical],
-        },
+        families: arguments.family.families(),
         lag: arguments.options(),
         physical: PhysicalFitOptions::default(),
     };
@@ -161,15 +172,7 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     } else {
         print_report(&report, &checked)?;
     }
-    Ok(match &report.chosen {
-        Chosen::Lag(report) => say_findings(&report.findings),
-        Chosen::Physical(report) => {
-            for warning in physical_report::warnings(report) {
-                say(&format!("warning: {warning}"));
-            }
-            Outcome::Done
-        }
-    })
+    Ok(say_outcome(&report))
 }
 
 /// The recordings and their hashes.
@@ -295,7 +298,19 @@ fn candidate_table(report: &FitReport) -> String {
 }
 
 /// Says what the user should know about a fit; the result is not to be trusted if a finding says so.
-pub fn say_findings(findings: &[Finding]) -> Outcome {
+pub fn say_outcome(report: &FamiliesReport) -> Outcome {
+    match &report.chosen {
+        Chosen::Lag(report) => say_findings(&report.findings),
+        Chosen::Physical(report) => {
+            for warning in physical_report::warnings(report) {
+                say(&format!("warning: {warning}"));
+            }
+            Outcome::Done
+        }
+    }
+}
+
+fn say_findings(findings: &[Finding]) -> Outcome {
     let mut outcome = Outcome::Done;
     for finding in findings {
         let severity = match finding {
