@@ -430,7 +430,7 @@ pub(crate) fn refuse_duplicates(flights: &[Flight]) -> Result<(), ModelError> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::super::lag::{HEIGHT_ROW, QuadraticTerms, STATE_LEN};
     use super::super::rollout::advance;
     use super::*;
@@ -439,7 +439,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    const ES: Configuration = Configuration {
+    pub(crate) const ES: Configuration = Configuration {
         length_m: 0.7,
         pressure_kpa: 0.0,
     };
@@ -450,7 +450,7 @@ mod tests {
 
     /// A stable system of the paper's structure: every signal is damped and driven by the command and its
     /// neighbour; the height row has an offset and a few products.
-    fn system() -> LagModel {
+    pub(crate) fn system() -> LagModel {
         let p = 30;
         let mut linear = vec![0.0; STATE_LEN * p];
         for row in 0..STATE_LEN {
@@ -491,7 +491,13 @@ mod tests {
     }
 
     /// Random steps of the command through [`system`], with `noise` on what is measured.
-    fn flight(name: &str, configuration: Configuration, rows: usize, seed: u64, noise: f64) -> Flight {
+    pub(crate) fn flight(
+        name: &str,
+        configuration: Configuration,
+        rows: usize,
+        seed: u64,
+        noise: f64,
+    ) -> Flight {
         let model = system();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut state = vec![0.0; 27];

@@ -386,3 +386,66 @@ fn simulation_cost(model: &LagModel, windows: &[Window]) -> f64 {
         .into_iter()
         .sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::fit::tests::{ES, flight, system};
+    use super::super::lag::CommandInputs;
+    use super::*;
+
+    /// `model` with every coefficient moved a little, so that rollouts err by centimetres.
+    fn disturbed(model: &LagModel) -> LagModel {
+        let mut coefficients = Coefficients::of(model);
+        for (index, value) in coefficients.values.iter_mut().enumerate() {
+            *value += 1e-3 * (0.7 * index as f64).sin();
+        }
+        coefficients.model(model).unwrap()
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_simulation_error() {
+        let recording = flight("a", ES, 120, 1, 0.0);
+        let track = Track::new(&recording, CommandInputs::Position).unwrap();
+        let model = disturbed(&system());
+        let windows = windows(model.lags(), &[(&track, 0..track.rows())]);
+        assert_eq!(windows.len(), 2);
+        let at = Coefficients::of(&model);
+        let system = NormalEquations::of(&model, &windows, at.values.len());
+        assert_eq!(system.cost, simulation_cost(&model, &windows));
+        // Where no error is beyond Huber's corner, the cost is a sum of squares: ∂cost/∂θ = 2 Sᵀ W r.
+        let cost_at = |index: usize, step: f64| {
+            let mut moved = at.clone();
+            moved.values[index] += step;
+            simulation_cost(&moved.model(&model).unwrap(), &windows)
+        };
+        let largest = system.gradient.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+        for index in (0..at.values.len()).step_by(7).chain([at.values.len() - 1]) {
+            let step = 1e-6;
+            let difference = (cost_at(index, step) - cost_at(index, -step)) / (2.0 * step);
+            let analytic = 2.0 * system.gradient[index];
+            assert!(
+                (difference - analytic).abs() < 1e-6 * largest.max(analytic.abs()),
+                "coefficient {index}: {analytic} against {difference}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_disturbed_model_finds_its_way_back() {
+        let recordings = [flight("a", ES, 400, 2, 0.0), flight("b", ES, 200, 3, 0.0)];
+        let tracks = recordings
+            .each_ref()
+            .map(|recording| Track::new(recording, CommandInputs::Position).unwrap());
+        let kept = [(&tracks[0], 0..tracks[0].rows())];
+        let model = disturbed(&system());
+        let refined = refine(&model, &kept).unwrap();
+        // On the flight that it has not seen.
+        let unseen = windows(3, &[(&tracks[1], 0..tracks[1].rows())]);
+        let (before, after) = (
+            simulation_cost(&model, &unseen),
+            simulation_cost(&refined, &unseen),
+        );
+        assert!(after < 0.05 * before, "{before} → {after}");
+        assert!(refine(&model, &[(&tracks[0], 0..40)]).is_none(), "no window fits");
+    }
+}
