@@ -11,9 +11,15 @@ pub fn warnings(report: &PhysicalFitReport) -> Vec<String> {
     let mut warnings = Vec::new();
     for corner in &report.corners {
         let here = configuration_label(corner.configuration, None);
-        for timing in corner.timing.iter().filter(|timing| timing.notable()) {
+        if corner.timing.streams_apart() {
             warnings.push(format!(
-                "{here}: the streams of a flight are not in time: {timing}"
+                "{here}: the end effector's poses are {:.0} ms behind the quadrotor's in all flights alike",
+                1e3 * corner.timing.end_effector_behind_quadrotor_s
+            ));
+        }
+        for timing in corner.timing.flights.iter().filter(|timing| timing.notable()) {
+            warnings.push(format!(
+                "{here}: the streams of a flight are not in time with the others: {timing}"
             ));
         }
         for estimate in corner.parameters.iter().filter(|estimate| estimate.at_bound) {

@@ -199,7 +199,7 @@ fn recordings_that_cannot_be_fitted() {
     let case = Case::new();
     let short = case.write("short.csv", good_flight());
     case.refuses(
-        &["fit", &text(&short), "--out", "OUT"],
+        &["fit", "--family", "lag", &text(&short), "--out", "OUT"],
         &["37 usable rows", "496 coefficients"],
     );
     let three = ["ES", "IS", "EL"].map(|corner| text(&training.join(format!("{corner}_pretzel.csv"))));

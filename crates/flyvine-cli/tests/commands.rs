@@ -59,7 +59,7 @@ fn a_lab_goes_from_recordings_to_a_scored_flight() {
     ]
     .map(|name| training.join(format!("ES_{name}.csv")));
     flyvine()
-        .arg("fit")
+        .args(["fit", "--family", "lag"])
         .args(&recordings)
         .arg("--out")
         .arg(file("bank.json"))
@@ -120,6 +120,72 @@ fn a_lab_goes_from_recordings_to_a_scored_flight() {
 
 /// Feedback on a plan's gains may fail on a vehicle that the model knows badly; then it is aborted, and no command
 /// leaves the room either way.
+#[test]
+fn a_physical_bank_is_reported_excited_and_learnt_with() {
+    let (run, out) = (demo_run(), tempfile::tempdir().unwrap());
+    let file = |name: &str| out.path().join(name);
+    let recordings = ["pretzel", "swings", "small_lemniscate_7s_to_4s"]
+        .map(|name| run.join("training").join(format!("ES_{name}.csv")));
+    flyvine()
+        .args(["fit", "--family", "physical"])
+        .args(&recordings)
+        .arg("--out")
+        .arg(file("bank.json"))
+        .arg("--report")
+        .arg(file("report"))
+        .assert()
+        .success()
+        .stdout(contains("tilt_limit").and(contains("band of confidence")))
+        .stderr(contains("first 10 s of every flight").and(contains("held-out rollouts")));
+    let json = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(file(name)).unwrap()).unwrap()
+    };
+    let report = json("report/fit.json");
+    let corner = &report["chosen"]["corners"][0];
+    assert_eq!(corner["parameters"][0]["name"], "position_gain_xy");
+    assert!(corner["parameters"][0]["standard_error"].as_f64().unwrap() > 0.0);
+    assert_eq!(corner["timing"]["flights"].as_array().unwrap().len(), 3);
+
+    let designed = flyvine()
+        .arg("excite")
+        .arg(file("bank.json"))
+        .args([
+            "--length",
+            "0.7",
+            "--duration",
+            "20",
+            "--candidates",
+            "8",
+            "--json",
+        ])
+        .arg("--out")
+        .arg(file("excite.csv"))
+        .arg("--compare")
+        .arg(&recordings[0])
+        .output()
+        .unwrap();
+    let gains: serde_json::Value = serde_json::from_slice(&designed.stdout).unwrap();
+    let gain = |index: usize| gains[index]["information_gain_nats"].as_f64().unwrap();
+    assert!(gain(0) > gain(1), "{gains}");
+    let commands = std::fs::read_to_string(file("excite.csv")).unwrap();
+    assert_eq!(commands.lines().count(), 401);
+
+    flyvine()
+        .arg("learn")
+        .arg(repository().join("examples/tasks/lemniscate_10s_ES.toml"))
+        .args(["--vehicle", "sim", "--rounds", "1", "--bank"])
+        .arg(file("bank.json"))
+        .arg("--out")
+        .arg(file("learnt"))
+        .assert()
+        .success()
+        .stdout(contains("to reference, cm"));
+    let rounds = json("learnt/learn.json");
+    assert_eq!(rounds.as_array().unwrap().len(), 2);
+    assert!(rounds[0]["lesson"]["trials"][0]["weight"].is_number() && rounds[1]["lesson"].is_null());
+    assert!(file("learnt/experiments/lemniscate_10s_ES_round_1/flight.csv").exists());
+}
+
 #[test]
 fn a_tracking_flight_stays_in_the_room_and_says_how_it_ended() {
     let out = tempfile::tempdir().unwrap();
@@ -243,7 +309,7 @@ fn help_teaches_and_a_closed_pipe_is_no_error() {
         .success()
         .stdout(contains("Exit codes").and(contains("flyvine fit")));
     for command in [
-        "demo", "fit", "check", "plan", "fly", "score", "report", "solve", "convert",
+        "demo", "fit", "check", "plan", "fly", "learn", "excite", "score", "report", "solve", "convert",
     ] {
         flyvine().args([command, "--help"]).assert().success();
     }

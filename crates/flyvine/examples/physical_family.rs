@@ -1,4 +1,5 @@
-//! Fits the physical family to recorded flights and prints its rollout errors:
+//! Fits the physical family to recorded flights, prints its rollout errors, and checks its standard errors by a
+//! bootstrap over flights:
 //!
 //! ```text
 //! cargo run --release -p flyvine --example physical_family -- FOLDER [train|author]
@@ -11,9 +12,14 @@
 
 use flyvine::flight::{Flight, HygieneOptions, clean, read_flight};
 use flyvine::model::physical::{PARAMETERS, PhysicalFitOptions, fit_physical};
-use flyvine::model::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics, check, fit_physical_bank};
+use flyvine::model::{
+    Bank, BankModel, BankProvenance, Model, ModelDiagnostics, bootstrap, check, fit_physical_bank,
+};
 use std::path::Path;
 use std::time::Instant;
+
+/// Draws of the bootstrap.
+const BOOTSTRAP: usize = 8;
 
 const CORNERS: [&str; 4] = ["ES", "IS", "EL", "IL"];
 
@@ -52,7 +58,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         print_errors(&bank, &named(&format!("{corner}_test")))?;
     }
 
-    println!("\nBank with one vehicle and four arms:");
+    println!("\nBank, its corners drawn towards one vehicle:");
     let members: Vec<Flight> = CORNERS
         .iter()
         .flat_map(|corner| named(&format!("{corner}_{fitted}")))
@@ -63,21 +69,38 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for prefix in ["ES_test", "IS_test", "EL_test", "IL_test", "mid_", "growing_"] {
         print_errors(&bank, &named(prefix))?;
     }
-    println!("\nParameters, in the bank's order of models (± of the logarithm where positive by nature):");
+    println!(
+        "\nStandard errors of the coordinates: posterior, and {BOOTSTRAP} bootstrap draws of whole flights:"
+    );
+    let draws = bootstrap(&bank, &members, BOOTSTRAP, 1, &mut |_| {})?;
     for (i, info) in PARAMETERS.iter().enumerate() {
         print!("{:26}", info.name);
-        for BankModel { model, .. } in bank.models() {
-            if let Model::Physical(model) = model {
-                print!(
-                    " {:9.4} ±{:.3}",
-                    model.parameters.to_array()[i],
-                    model.standard_deviations()[i]
-                );
-            }
+        for (number, member) in bank.models().iter().enumerate() {
+            let Model::Physical(model) = &member.model else {
+                continue;
+            };
+            let spread = deviation(
+                draws
+                    .iter()
+                    .filter_map(|draw| match &draw.models()[number].model {
+                        Model::Physical(model) => Some(model.parameters.coordinates()[i]),
+                        Model::Lag(_) => None,
+                    }),
+            );
+            let value = model.parameters.to_array()[i];
+            print!(" {value:9.4} ±{:.3} ±{spread:.3}", model.standard_deviations()[i]);
         }
         println!("  {}", info.unit);
     }
     Ok(())
+}
+
+/// Standard deviation of a sample.
+fn deviation(values: impl Iterator<Item = f64>) -> f64 {
+    let values: Vec<f64> = values.collect();
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
 }
 
 /// Median, 95th percentile and worst end-effector rollout error, cm, at 2.5 and 10 s.

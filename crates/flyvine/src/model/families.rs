@@ -305,7 +305,7 @@ mod tests {
 
     #[test]
     fn the_better_family_is_chosen_and_its_band_holds_on_other_flights() {
-        let flights = flights(4, 400);
+        let flights = flights(4, 450);
         let both = options(&[Family::Lag, Family::Physical]);
         let (bank, report) = fit_families(&flights[..3], &both, &mut |_| {}).unwrap();
         assert!(

@@ -6,8 +6,8 @@ use super::family::Model;
 use super::fit::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{
-    FitProgress, FlightTiming, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions,
-    PhysicalModel, fit_configurations, fit_physical, stream_timing,
+    FitProgress, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions, PhysicalModel,
+    StreamTiming, fit_configurations, fit_physical, stream_timing,
 };
 use super::support::Support;
 use crate::flight::{Configuration, Flight};
@@ -42,7 +42,7 @@ pub struct CornerFit {
     /// Every parameter.
     pub parameters: Vec<ParameterEstimate>,
     /// Clocks of the flights' streams.
-    pub timing: Vec<FlightTiming>,
+    pub timing: StreamTiming,
     /// How lively the flights were: where the model may be believed.
     pub support: Support,
 }

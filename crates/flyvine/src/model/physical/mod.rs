@@ -55,8 +55,8 @@ pub use error::PhysicalError;
 pub use estimates::ParameterEstimate;
 pub use excitation::{Room, design_flight, information_gain};
 pub use fit::{
-    Estimate, FitProgress, FitStage, FlightTiming, PhysicalFitOptions, fit_configurations, fit_physical,
-    stream_timing,
+    Estimate, FitProgress, FitStage, FlightTiming, PhysicalFitOptions, StreamTiming, fit_configurations,
+    fit_physical, stream_timing,
 };
 pub use flight_data::{FlightData, Observed, arm_lengths};
 pub use model::{FitSummary, PhysicalModel};

@@ -24,7 +24,7 @@ use problem::Problem;
 use residual::Misfit;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-pub use timing::{Estimate, FlightTiming};
+pub use timing::{Estimate, FlightTiming, StreamTiming};
 
 /// Options of [`fit_physical`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -184,8 +184,8 @@ pub fn fit_configurations(
     posterior(&problem, &minimum, &groups, options)
 }
 
-/// How late the streams of each of `flights`, all of one configuration, are behind their commands, compared with
-/// what `model`, fitted to them, expects.
+/// How late the streams of each of `flights`, all of one configuration, are behind their commands, by `model`, which
+/// was fitted to them.
 ///
 /// # Errors
 /// As [`fit_physical`]; the model's equations are singular.
@@ -193,7 +193,7 @@ pub fn stream_timing(
     model: &PhysicalModel,
     flights: &[Flight],
     options: &PhysicalFitOptions,
-) -> Result<Vec<FlightTiming>, PhysicalError> {
+) -> Result<StreamTiming, PhysicalError> {
     let stretches = one_configuration(flights, options)?;
     timing::timing(&whole_flights(&stretches, options), &model.parameters).ok_or(PhysicalError::Diverged)
 }

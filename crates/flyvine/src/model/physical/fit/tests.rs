@@ -217,6 +217,8 @@ fn late(flight: &Flight, quadrotor_s: f64, tip_s: f64, drift: f64) -> Flight {
 #[test]
 fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
     let mut flights = flights(260, 3e-4);
+    let commands = random_commands(260, 3);
+    flights.push(simulate_flight("flight 3", &vehicle(), 0.8, &commands, 3e-4, 13).0);
     let truth = PhysicalModel {
         parameters: vehicle(),
         arm: crate::model::physical::ArmLength::constant(0.8),
@@ -224,7 +226,7 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
         fit: None,
     };
     let options = PhysicalFitOptions::default();
-    let timing = |flights: &[Flight]| stream_timing(&truth, flights, &options).unwrap();
+    let timing = |flights: &[Flight]| stream_timing(&truth, flights, &options).unwrap().flights;
     for flight in timing(&flights) {
         assert!(!flight.notable(), "{flight}");
     }
@@ -254,4 +256,12 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
         found.notable() && (found.drift.value - 2e-3).abs() < 5e-4,
         "{found}"
     );
+
+    // A stream that is late in all flights is late behind the other stream.
+    let all: Vec<Flight> = flights
+        .iter()
+        .map(|flight| late(flight, 0.0, 0.02, 0.0))
+        .collect();
+    let found = stream_timing(&truth, &[all[0].clone(), all[2].clone()], &options).unwrap();
+    assert!(found.streams_apart() && (found.end_effector_behind_quadrotor_s - 0.02).abs() < 0.006);
 }

@@ -8,8 +8,10 @@
 //! [ H_τθ  H_ττ ] [ τ  ] = − [ g_τ ]
 //! ```
 //!
-//! gives offsets far below the sampling time, with standard errors that know what the parameters could have absorbed
-//! (a lateness of all flights looks like the autopilot's delay, for instance).
+//! gives offsets far below the sampling time, with standard errors that know what the parameters could have absorbed.
+//! A lateness that all flights share looks like a delay of the autopilot, or like what the model lacks, so every
+//! flight's is counted from the median; what stays of the common one is how far the end effector's stream is behind
+//! the quadrotor's.
 
 use super::super::flight_data::FlightData;
 use super::super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters};
@@ -18,6 +20,7 @@ use super::super::step::step;
 use super::super::vector::Vector;
 use super::residual::Misfit;
 use crate::DT;
+use crate::model::rollout::quantile;
 use nalgebra::{DMatrix, DVector, SVector};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -39,16 +42,32 @@ pub struct Estimate {
     pub standard_error: f64,
 }
 
-/// How late the streams of one flight are behind its commands, compared with what the model expects.
+/// The clocks of a configuration's flights.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StreamTiming {
+    /// Lateness of the end effector's poses behind the quadrotor's, in the median flight, s.
+    pub end_effector_behind_quadrotor_s: f64,
+    /// One per unbroken stretch of a flight.
+    pub flights: Vec<FlightTiming>,
+}
+
+impl StreamTiming {
+    /// Whether the two streams, in all flights alike, are apart.
+    pub fn streams_apart(&self) -> bool {
+        self.end_effector_behind_quadrotor_s.abs() > NOTABLE_S
+    }
+}
+
+/// How late the streams of one flight are behind its commands, compared with the median of the flights.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FlightTiming {
     /// Name of the flight.
     pub flight: String,
     /// Duration of the stretch that was looked at, s.
     pub duration_s: f64,
-    /// Lateness of the quadrotor's poses behind the commands, beyond the model's delay, s.
+    /// Lateness of the quadrotor's poses behind the commands, beyond the median flight's, s.
     pub quadrotor_late_s: Estimate,
-    /// Lateness of the end effector's poses behind the commands, beyond the model's delay, s.
+    /// Lateness of the end effector's poses behind the commands, beyond the median flight's, s.
     pub end_effector_late_s: Estimate,
     /// By how much the lateness of both grows, s per s.
     pub drift: Estimate,
@@ -98,7 +117,7 @@ struct Sums {
 }
 
 /// The timing of every flight of `misfit` at fitted `parameters`; `None` if the equations are singular.
-pub fn timing(misfit: &Misfit, parameters: &Parameters<f64>) -> Option<Vec<FlightTiming>> {
+pub fn timing(misfit: &Misfit, parameters: &Parameters<f64>) -> Option<StreamTiming> {
     let parts: Vec<Sums> = misfit
         .flights
         .par_iter()
@@ -107,7 +126,9 @@ pub fn timing(misfit: &Misfit, parameters: &Parameters<f64>) -> Option<Vec<Fligh
     let size = PARAMETER_COUNT + UNKNOWNS * parts.len();
     let (mut hessian, mut gradient) = (DMatrix::zeros(size, size), DVector::zeros(size));
     for (i, info) in PARAMETERS.iter().enumerate() {
+        let coordinate = info.coordinate(parameters.to_array()[i]);
         hessian[(i, i)] = info.prior_sigma.powi(-2);
+        gradient[i] = hessian[(i, i)] * (coordinate - info.coordinate(info.default));
     }
     for (number, part) in parts.iter().enumerate() {
         let place = |i: usize| {
@@ -121,10 +142,7 @@ pub fn timing(misfit: &Misfit, parameters: &Parameters<f64>) -> Option<Vec<Fligh
             for j in 0..PARAMETER_COUNT + UNKNOWNS {
                 hessian[(place(i), place(j))] += part.hessian[(i, j)];
             }
-            // At the minimum the parameters' own gradient is zero but for the prior's, which is not added either.
-            if i >= PARAMETER_COUNT {
-                gradient[place(i)] = part.gradient[i];
-            }
+            gradient[place(i)] += part.gradient[i];
         }
         for (i, sigma) in PRIOR.iter().enumerate() {
             let entry = place(PARAMETER_COUNT + i);
@@ -149,7 +167,22 @@ pub fn timing(misfit: &Misfit, parameters: &Parameters<f64>) -> Option<Vec<Fligh
             drift: estimate(2),
         }
     };
-    Some(misfit.flights.iter().enumerate().map(of_flight).collect())
+    let mut flights: Vec<FlightTiming> = misfit.flights.iter().enumerate().map(of_flight).collect();
+    let middle = |of: fn(&FlightTiming) -> f64| {
+        let mut values: Vec<f64> = flights.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        quantile(&values, 0.5).unwrap_or(0.0)
+    };
+    let quadrotor = middle(|flight| flight.quadrotor_late_s.value);
+    let end_effector = middle(|flight| flight.end_effector_late_s.value);
+    for flight in &mut flights {
+        flight.quadrotor_late_s.value -= quadrotor;
+        flight.end_effector_late_s.value -= end_effector;
+    }
+    Some(StreamTiming {
+        end_effector_behind_quadrotor_s: end_effector - quadrotor,
+        flights,
+    })
 }
 
 fn sums(misfit: &Misfit, flight: &FlightData, parameters: &Parameters<f64>) -> Sums {

@@ -1,0 +1,171 @@
+//! The physical family on the flights of the independent reference vehicle.
+
+#![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
+
+use flyvine::flight::{Flight, HygieneOptions, clean, read_flight};
+use flyvine::model::physical::PhysicalFitOptions;
+use flyvine::model::{
+    Bank, CheckReport, Family, FamilyOptions, FitOptions, WindowKind, check, fit_families, fit_physical_bank,
+};
+use std::path::{Path, PathBuf};
+
+const CORNERS: [&str; 4] = ["ES", "IS", "EL", "IL"];
+
+/// The reference vehicle's flights whose names match, by name, cleaned; `None` (said on stderr) where the shared
+/// data are absent and not required.
+fn flights(matches: impl Fn(&str) -> bool) -> Option<Vec<Flight>> {
+    let beside_workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let folder = std::env::var_os("FLYVINE_SHARED_DATA")
+        .map_or(beside_workspace, PathBuf::from)
+        .join("flights");
+    if !folder.is_dir() {
+        let required = std::env::var_os("FLYVINE_REQUIRE_SHARED_DATA").is_some_and(|value| value == "1");
+        assert!(
+            !required,
+            "shared data required, but {} is absent",
+            folder.display()
+        );
+        eprintln!("skipped: no shared data at {}", folder.display());
+        return None;
+    }
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| matches(path.file_name().unwrap().to_str().unwrap()))
+        .collect();
+    paths.sort();
+    let cleaned = |path: &PathBuf| {
+        let mut flight = read_flight(path).unwrap();
+        clean(&mut flight, &HygieneOptions::default());
+        flight
+    };
+    Some(paths.iter().map(cleaned).collect())
+}
+
+/// (median, p95, diverged share) of a flight at a horizon, cm.
+fn error_cm(report: &CheckReport, flight: &str, horizon_s: f64) -> (f64, f64, f64) {
+    let found = report
+        .flights
+        .iter()
+        .find(|checked| checked.path.contains(flight))
+        .unwrap();
+    let error = found
+        .rollout
+        .iter()
+        .find(|error| error.horizon_s == horizon_s)
+        .unwrap();
+    (
+        100.0 * error.median_m.unwrap(),
+        100.0 * error.p95_m.unwrap(),
+        error.diverged_share,
+    )
+}
+
+#[test]
+fn three_flights_of_one_corner_predict_a_fourth() {
+    let train = |name: &str| {
+        ["ES_train1", "ES_train4", "ES_train6"]
+            .iter()
+            .any(|wanted| name.starts_with(wanted))
+    };
+    let Some(flights_) = flights(train) else { return };
+    let (bank, report) =
+        fit_physical_bank(&flights_, &PhysicalFitOptions::default(), &mut |_, _| {}).unwrap();
+    let test = flights(|name| name.starts_with("ES_test1")).unwrap();
+    let checked = check(&bank, &test).unwrap();
+    for horizon_s in [2.5, 10.0] {
+        let (median, p95, diverged) = error_cm(&checked, "ES_test1", horizon_s);
+        assert!(
+            median <= 1.5 && p95 <= 4.0 && diverged == 0.0,
+            "{median} {p95} {diverged} at {horizon_s} s"
+        );
+    }
+    let corner = &report.corners[0];
+    assert!(!corner.timing.streams_apart());
+    for timing in &corner.timing.flights {
+        assert!(!timing.notable(), "{timing}");
+    }
+    let named = |name: &str| {
+        corner
+            .parameters
+            .iter()
+            .find(|parameter| parameter.name == name)
+            .unwrap()
+    };
+    assert!(named("position_gain_xy").identified);
+    // No flight came near these limits.
+    assert!(!named("thrust_maximum").identified && !named("tilt_limit").identified);
+}
+
+/// The bars of the family on every corner; minutes. `cargo test --release --test physical -- --ignored --nocapture`
+#[test]
+#[ignore = "minutes"]
+fn every_corner_meets_its_bar_from_six_flights_and_from_two() {
+    let judge =
+        |name: &str| name.contains("_test1") || name.starts_with("mid_") || name.starts_with("growing_1");
+    let Some(test) = flights(judge) else { return };
+    for (fitted, bar_cm) in [("_train", 1.5), ("_author", 1.8)] {
+        let members = flights(|name| name.contains(fitted)).unwrap();
+        let bank = bank_of(&members, Family::Physical);
+        let checked = check(&bank, &test).unwrap();
+        let mut worst_corner = [0.0_f64; 2];
+        for corner in CORNERS {
+            for (slot, horizon_s) in [2.5, 10.0].into_iter().enumerate() {
+                let (median, p95, diverged) = error_cm(&checked, &format!("{corner}_test1"), horizon_s);
+                println!("{fitted} {corner} at {horizon_s} s: median {median:.2} p95 {p95:.2} cm");
+                let bar = if corner == "IS" && fitted == "_train" {
+                    1.7
+                } else {
+                    bar_cm
+                };
+                assert!(median <= bar && p95 <= 4.0 && diverged == 0.0);
+                worst_corner[slot] = worst_corner[slot].max(median);
+            }
+        }
+        for flight in ["mid_L0.775", "mid_L0.8_", "mid_L0.925", "growing_1"] {
+            for (slot, horizon_s) in [2.5, 10.0].into_iter().enumerate() {
+                let (median, _, diverged) = error_cm(&checked, flight, horizon_s);
+                println!(
+                    "{fitted} {flight} at {horizon_s} s: median {median:.2} cm, worst corner {:.2} cm",
+                    worst_corner[slot]
+                );
+                assert!(median <= 1.3 * bar_cm && diverged == 0.0);
+            }
+        }
+    }
+}
+
+/// Coverage of the bands of confidence of both families on flights that neither fit nor band has seen; minutes.
+#[test]
+#[ignore = "minutes"]
+fn bands_of_confidence_cover_what_they_promise() {
+    let judge =
+        |name: &str| name.contains("_test1") || name.starts_with("mid_") || name.starts_with("growing_1");
+    let Some(test) = flights(judge) else { return };
+    let members = flights(|name| name.contains("_train")).unwrap();
+    for family in [Family::Lag, Family::Physical] {
+        let checked = check(&bank_of(&members, family), &test).unwrap();
+        for pooled in checked
+            .pooled
+            .iter()
+            .filter(|pooled| pooled.kind == WindowKind::All)
+        {
+            let within = pooled.error.within_band.unwrap();
+            println!(
+                "{family} at {} s: {:.1} %",
+                pooled.error.horizon_s,
+                100.0 * within
+            );
+            assert!((0.90..=0.99).contains(&within));
+        }
+    }
+}
+
+fn bank_of(flights: &[Flight], family: Family) -> Bank {
+    let options = FamilyOptions {
+        families: vec![family],
+        lag: FitOptions::default(),
+        physical: PhysicalFitOptions::default(),
+    };
+    fit_families(flights, &options, &mut |_| {}).unwrap().0
+}
