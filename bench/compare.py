@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Runs flyvine and the best existing solvers on the same problems in one run and prints the ratio table.
+"""Runs flyvine and the best existing solvers on the same problems in one run and prints the ratio tables.
 
-    cargo build --release && bench/compare.py SCRATCH_FOLDER [PROBLEM...]
+    cargo build --release -p flyvine-cli && cargo build --release -p flyvine --example riccati_sweep
+    bench/compare.py SCRATCH_FOLDER [PROBLEM...]
 
-The first run installs the peers from the Python package registry into SCRATCH_FOLDER (some minutes). Everything is
-single-threaded. Peers: process-CPU time of one solve, minimum of several. flyvine: CPU time of the whole process with
-`--repeat 101` minus that with `--repeat 1`, over 100, so nothing escapes the clock. Only ratios within one run count.
+The first run installs the peers from the Python package registry into SCRATCH_FOLDER (a minute or two). Everything is
+single-threaded and starts from the same guess; flyvine runs before and after every peer. Times are process-CPU ms, the
+minimum of several: of a solve for the peers, for flyvine the whole process with `--repeat 101` minus that with
+`--repeat 1`, over 100, so nothing escapes the clock. Cost and violation are recomputed here for everybody by rolling the
+commands through the true dynamics. Peak memory is that of the whole process. Only ratios within one run count.
 """
 import json
 import os
@@ -15,68 +18,133 @@ import sys
 from pathlib import Path
 
 BENCH = Path(__file__).resolve().parent
-FLYVINE = BENCH.parent / "target" / "release" / "flyvine"
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", BENCH.parent / "target")) / "release"
 PROBLEMS = ["lem5_ES", "lem10_ES", "grow", "kick_ES", "kick_IS", "kick_EL", "linlem5_ES", "linkick_ES"]
 ACADOS_CONDENSING = ["20", "0", "-1"]  # blocks; 0 is full, -1 none: the best one counts
 
 
-def run_peer(scratch, environment, script, *arguments):
-    command = [scratch / environment / "bin" / "python", BENCH / "peers" / script, *arguments]
-    variables = dict(os.environ, BENCH_ROOT=str(scratch), OMP_NUM_THREADS="1")
-    result = subprocess.run(command, env=variables, capture_output=True, text=True)
-    if result.returncode != 0:
-        print(f"{script} {' '.join(arguments)} failed:\n{result.stderr[-500:]}", file=sys.stderr)
+class Peers:
+    """The other solvers, installed in a scratch folder."""
+
+    def __init__(self, scratch):
+        self.scratch = scratch
+        if not (scratch / "venv_acados").exists():
+            subprocess.run([BENCH / "peers" / "setup.sh", scratch], check=True)
+        # Costs and violations are recomputed with the peers' own independent rollout.
+        python = scratch / "venv" / "bin" / "python"
+        if Path(sys.prefix).resolve() != (scratch / "venv").resolve():
+            os.environ["BENCH_ROOT"] = str(scratch)
+            os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+            os.execv(python, [str(python), *sys.argv])
+
+    @staticmethod
+    def commands(problem):
+        """(environment, script, arguments) of everyone who can solve the problem."""
+        if problem.startswith("lin"):
+            return [("venv", "peer_qp.py", [problem])]
+        commands = [("venv", "peer_casadi2.py", ["ipopt", "lag", problem])]
+        if not problem.startswith("kick"):  # hard equality knots defeat its SQP
+            commands += [("venv_acados", "peer_acados.py", [blocks, problem]) for blocks in ACADOS_CONDENSING]
+        return commands
+
+    def run(self, environment, script, arguments):
+        command = [self.scratch / environment / "bin" / "python", BENCH / "peers" / script, *arguments]
+        result = subprocess.run(command, capture_output=True, text=True)
+        if result.returncode != 0:
+            print(f"{script} {' '.join(arguments)} failed:\n{result.stderr[-500:]}", file=sys.stderr)
+
+    def results(self, problem):
+        paths = (self.scratch / "results").glob(f"*__{problem}.json")
+        results = [json.loads(path.read_text()) for path in paths]
+        return sorted(results, key=lambda result: result["min_ms"])
+
+    def forget(self, problem):
+        for stale in (self.scratch / "results").glob(f"*__{problem}.json"):
+            stale.unlink()
 
 
-def run_peers(scratch, problem):
-    if problem.startswith("lin"):
-        run_peer(scratch, "venv", "peer_qp.py", problem)
-        return
-    run_peer(scratch, "venv", "peer_casadi2.py", "ipopt", "lag", problem)
-    if not problem.startswith("kick"):  # hard equality knots defeat its SQP
-        for blocks in ACADOS_CONDENSING:
-            run_peer(scratch, "venv_acados", "peer_acados.py", blocks, problem)
+class Flyvine:
+    """Fastest times so far of one problem, and its last report."""
+
+    def __init__(self, problem):
+        self.path = BENCH / "problems" / f"{problem}.json"
+        self.many = self.once = float("inf")
+
+    def run(self, rounds=3):
+        for _ in range(rounds):
+            elapsed, _ = self.solve(1)
+            self.once = min(self.once, elapsed)
+            elapsed, self.report = self.solve(101)
+            self.many = min(self.many, elapsed)
+
+    def solve(self, repeat):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        command = [TARGET / "flyvine", "solve", self.path, "--json", "--repeat", str(repeat)]
+        output = subprocess.run(command, capture_output=True, text=True).stdout
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        elapsed = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        return 1e3 * elapsed, json.loads(output)
+
+    @property
+    def ms(self):
+        return (self.many - self.once) / 100
 
 
-def child_cpu_ms(command):
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    output = subprocess.run(command, capture_output=True, text=True).stdout
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    elapsed = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return 1e3 * elapsed, json.loads(output)
+def compare(problem, peers):
+    import check
+
+    peers.forget(problem)
+    flyvine = Flyvine(problem)
+    for command in peers.commands(problem):
+        flyvine.run()
+        peers.run(*command)
+    flyvine.run()
+    true_dynamics = check.loadp(str(flyvine.path))
+
+    def row(name, ms, u, steps, memory, ratio, solved):
+        cost, violation, _ = check.evalu(true_dynamics, u)
+        outcome = f"{cost:.5f} | {violation:.0e}" if solved else "not solved | "
+        print(f"| {problem} | {name} | {ms:.2f} | {ratio} | {outcome} | {steps} | {memory:.0f} |", flush=True)
+
+    report = flyvine.report
+    memory = report["peak_memory_mb"] or float("nan")
+    row("**flyvine**", flyvine.ms, report["u"], report["iterations"], memory, "", report["converged"])
+    for peer in peers.results(problem):
+        ratio = f"{peer['min_ms'] / flyvine.ms:.1f}"
+        row(peer["peer"], peer["min_ms"], peer["u"], peer["iters"], peer["rss_mb"], ratio, peer["solved"])
 
 
-def run_flyvine(problem):
-    def solve(repeat):
-        path = BENCH / "problems" / f"{problem}.json"
-        return child_cpu_ms([FLYVINE, "solve", path, "--json", "--repeat", str(repeat)])
+def compare_sweeps():
+    import time
 
-    many, report = min((solve(101) for _ in range(3)), key=lambda pair: pair[0])
-    once = min(solve(1)[0] for _ in range(3))
-    return (many - once) / 100, report
+    import numpy
+
+    sweep = json.loads(subprocess.run([TARGET / "examples" / "riccati_sweep"], capture_output=True, text=True).stdout)
+    large = numpy.random.default_rng(1).random((512, 512))
+    product = numpy.empty_like(large)
+    times = []
+    for _ in range(100):
+        started = time.process_time()
+        numpy.matmul(large, large, out=product)
+        times.append(time.process_time() - started)
+    structured = sweep["structured_us"]
+    dense = {name: sweep[f"dense_{name}_us"] for name in ("faer", "nalgebra")}
+    print(f"\nOne Riccati sweep, {sweep['knots']} knots, 27 states: structured {structured:.0f} µs, ", end="")
+    print(", ".join(f"dense with {name} {us:.0f} µs ({us / structured:.1f}×)" for name, us in dense.items()), end="; ")
+    print(f"{sweep['structured_gflops']:.0f} GFLOP/s, where dgemm (512 × 512, one thread) reaches ", end="")
+    print(f"{sweep['dgemm_gflops']:.0f} (faer) and {2 * 512**3 / min(times) * 1e-9:.0f} (numpy).")
 
 
 def main():
     if len(sys.argv) < 2:
         sys.exit(__doc__)
-    scratch = Path(sys.argv[1]).resolve()
-    if not (scratch / "venv_acados").exists():
-        subprocess.run([BENCH / "peers" / "setup.sh", scratch], check=True)
-    print("| problem | flyvine ms | J | violation | steps | peer | ms | J | times faster |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    peers = Peers(Path(sys.argv[1]).resolve())
+    sys.path.insert(0, str(BENCH / "peers"))
+    print("| problem | solver | ms | flyvine is faster by | J | violation | steps | peak MB |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     for problem in sys.argv[2:] or PROBLEMS:
-        for stale in (scratch / "results").glob(f"*__{problem}.json"):
-            stale.unlink()
-        run_peers(scratch, problem)
-        ms, report = run_flyvine(problem)
-        ours = f"| {problem} | {ms:.2f} | {report['cost']:.5f} | {report['max_violation']:.0e} | {report['iterations']} |"
-        results = [json.loads(path.read_text()) for path in (scratch / "results").glob(f"*__{problem}.json")]
-        for peer in sorted(results, key=lambda result: result["min_ms"]):
-            cost = peer["extra"].get("cost", peer["extra"].get("obj", float("nan")))
-            outcome = f"{cost:.5f}" if peer["solved"] else "not solved"
-            print(f"{ours} {peer['peer']} | {peer['min_ms']:.2f} | {outcome} | {peer['min_ms'] / ms:.1f} |", flush=True)
-    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    print(f"\nLargest child process: {peak / 1024:.0f} MB", file=sys.stderr)
+        compare(problem, peers)
+    compare_sweeps()
 
 
 if __name__ == "__main__":

@@ -28,13 +28,14 @@ pub struct SolveArguments {
 /// Runs `flyvine solve`.
 pub fn run(arguments: &SolveArguments) -> CommandResult {
     let problem = read_problem(&arguments.problem).or_input()?;
-    let report = solve_report(
+    let mut report = solve_report(
         &problem,
         Options::default(),
         arguments.repeat as usize,
         &process_cpu_ms,
     )
     .or_input()?;
+    report.peak_memory_mb = peak_memory_mb();
     if arguments.json {
         print_json(&report)?;
     } else {
@@ -53,4 +54,12 @@ pub fn run(arguments: &SolveArguments) -> CommandResult {
     } else {
         Outcome::Untrusted
     })
+}
+
+/// Peak resident memory of this process, MB, where the system tells it (`VmHWM` on Linux).
+fn peak_memory_mb() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes: f64 = peak.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kilobytes / 1024.0)
 }

@@ -13,34 +13,65 @@ pub fn padded(len: usize) -> usize {
     len.next_multiple_of(MAX_LANES)
 }
 
+/// A matrix, row-major.
+#[derive(Debug, Clone, Copy)]
+pub struct Rows<'a> {
+    /// Its entries; the last row may be cut short.
+    pub entries: &'a [f64],
+    /// From one row to the next, whole vectors of the widest instruction set where the matrix is not a left factor.
+    pub stride: usize,
+}
+
+/// Which entries of a result are wanted; others, if computed, are meaningless.
+#[derive(Debug, Clone, Copy)]
+pub enum Wanted {
+    /// All.
+    All,
+    /// `i ≤ j < columns`, where columns from there to the next whole vector stay or become zero.
+    Upper {
+        /// Number of columns.
+        columns: usize,
+    },
+}
+
 /// `out += Cᵀ v`, with C of `v.len()` rows of `out.len()` entries.
 pub fn add_transpose_vector(matrix: &[f64], vector: &[f64], out: &mut [f64]) {
     let stride = out.len();
-    add_product(vector, 1, matrix, stride, out);
-}
-
-/// `out[i][j] += Σ_r left[r][i] right[r][j]` with rows of `left` `left_stride` long, those of `right` and `out`
-/// `stride`.
-pub fn add_product(left: &[f64], left_stride: usize, right: &[f64], stride: usize, out: &mut [f64]) {
-    Arch::new().dispatch(TransposeProduct {
-        left,
-        left_stride,
-        right,
+    let (left, right) = (
+        Rows {
+            entries: vector,
+            stride: 1,
+        },
+        Rows {
+            entries: matrix,
+            stride,
+        },
+    );
+    Arch::new().dispatch(SumOfProducts {
+        accumulate: true,
+        addends: &[],
+        factors: &[(left, right)],
+        wanted: Wanted::All,
         stride,
-        upper: false,
         out,
     });
 }
 
-/// `out[i][j] += Σ_r left[r][i] right[r][j]` for all rows i of `out`, rows being `stride` long. If `upper`, entries
-/// with `j < i` are not needed and may be wrong.
-pub fn add_transpose_product(left: &[f64], right: &[f64], stride: usize, upper: bool, out: &mut [f64]) {
-    Arch::new().dispatch(TransposeProduct {
-        left,
-        left_stride: stride,
-        right,
+/// `out[i][j] = Σ_addends addend[i][j] + Σ_factors Σ_r left[r][i] right[r][j]` for all rows i of `out`, which are
+/// `stride` long. The sum over r ends with the shorter factor.
+pub fn sum_products(
+    addends: &[Rows<'_>],
+    factors: &[(Rows<'_>, Rows<'_>)],
+    wanted: Wanted,
+    stride: usize,
+    out: &mut [f64],
+) {
+    Arch::new().dispatch(SumOfProducts {
+        accumulate: false,
+        addends,
+        factors,
+        wanted,
         stride,
-        upper,
         out,
     });
 }
@@ -90,33 +121,43 @@ impl WithSimd for RowProducts<'_> {
     }
 }
 
-struct TransposeProduct<'a> {
-    left: &'a [f64],
-    left_stride: usize,
-    right: &'a [f64],
+struct SumOfProducts<'a> {
+    /// Whether to begin with what is in `out`, rather than with zero.
+    accumulate: bool,
+    addends: &'a [Rows<'a>],
+    factors: &'a [(Rows<'a>, Rows<'a>)],
+    wanted: Wanted,
     stride: usize,
-    upper: bool,
     out: &'a mut [f64],
 }
 
-impl WithSimd for TransposeProduct<'_> {
+impl WithSimd for SumOfProducts<'_> {
     type Output = ();
 
     /// Tiles of up to 4 rows × 3 vectors of `out` (1 × 8) stay in registers over the whole sum.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let rows = self.out.len() / self.stride;
+        let columns = match self.wanted {
+            Wanted::All => self.stride,
+            Wanted::Upper { columns } => columns,
+        };
         let mut tiles = Tiles {
             simd,
-            left: self.left,
-            left_stride: self.left_stride,
-            right: S::as_simd_f64s(self.right).0,
-            out: S::as_mut_simd_f64s(self.out).0,
+            accumulate: self.accumulate,
+            addends: self.addends,
+            factors: self.factors,
             row_vectors: self.stride / S::F64_LANES,
+            columns: columns.div_ceil(S::F64_LANES),
+            rest: columns % S::F64_LANES,
+            out: S::as_mut_simd_f64s(self.out).0,
         };
         let mut row = 0;
         while row < rows {
-            let column = if self.upper { row / S::F64_LANES } else { 0 };
+            let column = match self.wanted {
+                Wanted::All => 0,
+                Wanted::Upper { .. } => row / S::F64_LANES,
+            };
             match rows - row {
                 1 => tiles.single_row(row, column),
                 2 => tiles.row_block::<2>(row, column),
@@ -130,49 +171,56 @@ impl WithSimd for TransposeProduct<'_> {
 
 struct Tiles<'a, S: Simd> {
     simd: S,
-    left: &'a [f64],
-    left_stride: usize,
-    right: &'a [S::f64s],
-    out: &'a mut [S::f64s],
-    /// Vectors in a row of `right` and `out`.
+    accumulate: bool,
+    addends: &'a [Rows<'a>],
+    factors: &'a [(Rows<'a>, Rows<'a>)],
+    /// Vectors in a row of `out`.
     row_vectors: usize,
+    /// Vectors of a row that are wanted.
+    columns: usize,
+    /// Entries of the last of them that are wanted; 0 for all.
+    rest: usize,
+    out: &'a mut [S::f64s],
 }
 
 impl<S: Simd> Tiles<'_, S> {
-    /// Rows `row..row + ROWS`, from the given vector of columns to the end.
+    /// Rows `row..row + ROWS`, from the given vector of columns to the last wanted one. No tile is one vector wide
+    /// unless it must: four sums are too few to keep the multipliers busy.
     #[inline(always)]
     fn row_block<const ROWS: usize>(&mut self, row: usize, mut column: usize) {
-        while self.row_vectors - column >= 3 {
+        while self.columns - column >= 5 || self.columns - column == 3 {
             self.tile::<ROWS, 3>(row, column);
             column += 3;
         }
-        match self.row_vectors - column {
-            2 => self.tile::<ROWS, 2>(row, column),
-            1 => self.tile::<ROWS, 1>(row, column),
-            _ => {}
+        while self.columns - column >= 2 {
+            self.tile::<ROWS, 2>(row, column);
+            column += 2;
+        }
+        if self.columns > column {
+            self.tile::<ROWS, 1>(row, column);
         }
     }
 
-    /// A single row: wider tiles, for enough independent sums to keep the multipliers busy.
+    /// A single row: wider tiles, for the same reason.
     #[inline(always)]
     fn single_row(&mut self, row: usize, mut column: usize) {
-        while self.row_vectors - column >= 12 {
+        while self.columns - column >= 12 {
             self.tile::<1, 12>(row, column);
             column += 12;
         }
-        if self.row_vectors - column >= 8 {
+        if self.columns - column >= 8 {
             self.tile::<1, 8>(row, column);
             column += 8;
         }
-        if self.row_vectors - column >= 4 {
+        if self.columns - column >= 4 {
             self.tile::<1, 4>(row, column);
             column += 4;
         }
-        if self.row_vectors - column >= 2 {
+        if self.columns - column >= 2 {
             self.tile::<1, 2>(row, column);
             column += 2;
         }
-        if self.row_vectors > column {
+        if self.columns > column {
             self.tile::<1, 1>(row, column);
         }
     }
@@ -183,22 +231,45 @@ impl<S: Simd> Tiles<'_, S> {
             simd, row_vectors, ..
         } = *self;
         let mut sums = [[simd.splat_f64s(0.0); VECTORS]; ROWS];
-        for (i, sum) in sums.iter_mut().enumerate() {
-            sum.copy_from_slice(&self.out[(row + i) * row_vectors + column..][..VECTORS]);
+        if self.accumulate {
+            for (i, sums) in sums.iter_mut().enumerate() {
+                sums.copy_from_slice(&self.out[(row + i) * row_vectors + column..][..VECTORS]);
+            }
         }
-        let left_rows = self.left.chunks_exact(self.left_stride);
-        for (left, right) in left_rows.zip(self.right.chunks_exact(row_vectors)) {
-            let left = &left[row..row + ROWS];
-            let right = &right[column..column + VECTORS];
-            for i in 0..ROWS {
-                let scale = simd.splat_f64s(left[i]);
-                for j in 0..VECTORS {
-                    sums[i][j] = simd.mul_add_f64s(scale, right[j], sums[i][j]);
+        for addend in self.addends {
+            let (addend, stride) = (S::as_simd_f64s(addend.entries).0, addend.stride / S::F64_LANES);
+            for (i, sums) in sums.iter_mut().enumerate() {
+                let addend = &addend[(row + i) * stride + column..][..VECTORS];
+                for (sum, &addend) in sums.iter_mut().zip(addend) {
+                    *sum = simd.add_f64s(*sum, addend);
                 }
             }
         }
-        for (i, sum) in sums.iter().enumerate() {
-            self.out[(row + i) * row_vectors + column..][..VECTORS].copy_from_slice(sum);
+        for (left, right) in self.factors {
+            let (right, right_stride) = (S::as_simd_f64s(right.entries).0, right.stride / S::F64_LANES);
+            // Row by row until either factor ends; `chunks` would divide to count them.
+            let (mut i, mut j) = (row, column);
+            while let (Some(left_row), Some(right_row)) =
+                (left.entries.get(i..i + ROWS), right.get(j..j + VECTORS))
+            {
+                for (sums, &scale) in sums.iter_mut().zip(left_row) {
+                    let scale = simd.splat_f64s(scale);
+                    for (sum, &right) in sums.iter_mut().zip(right_row) {
+                        *sum = simd.mul_add_f64s(scale, right, *sum);
+                    }
+                }
+                i += left.stride;
+                j += right_stride;
+            }
+        }
+        if self.rest != 0 && column + VECTORS == self.columns {
+            let wanted = simd.mask_between_m64s(0, self.rest as u64).mask();
+            for sums in &mut sums {
+                sums[VECTORS - 1] = simd.select_f64s(wanted, sums[VECTORS - 1], simd.splat_f64s(0.0));
+            }
+        }
+        for (i, sums) in sums.iter().enumerate() {
+            self.out[(row + i) * row_vectors + column..][..VECTORS].copy_from_slice(sums);
         }
     }
 }

@@ -40,10 +40,10 @@ impl<D: Dynamics> Dynamics for Dense<'_, D> {
         z: &[f64],
         u: &[f64],
         adjoint: &[f64],
-        scale: f64,
+        stride: usize,
         hessian: &mut [f64],
     ) {
         self.0
-            .add_curvature(knot, z, u, &adjoint[..self.0.fresh_len()], scale, hessian);
+            .add_curvature(knot, z, u, &adjoint[..self.0.fresh_len()], stride, hessian);
     }
 }

@@ -31,6 +31,8 @@ pub struct SolveReport {
     /// All of them, if repeated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solve_ms_all: Option<Vec<f64>>,
+    /// Peak resident memory of the process, MB, where the caller could read it.
+    pub peak_memory_mb: Option<f64>,
     /// Commands, (N−1) × m.
     pub u: Vec<Vec<f64>>,
 }
@@ -66,6 +68,7 @@ pub fn solve_report(
         factorizations: solution.factorizations,
         solve_ms: times.iter().copied().fold(f64::INFINITY, f64::min),
         solve_ms_all: (repeat > 1).then_some(times),
+        peak_memory_mb: None,
         u: solution
             .commands
             .chunks(benchmark.problem.command_len())

@@ -133,9 +133,10 @@ impl Dynamics for Model {
         z: &[f64],
         u: &[f64],
         adjoint: &[f64],
-        scale: f64,
+        stride: usize,
         hessian: &mut [f64],
     ) {
-        self.dynamics().add_curvature(knot, z, u, adjoint, scale, hessian);
+        self.dynamics()
+            .add_curvature(knot, z, u, adjoint, stride, hessian);
     }
 }

@@ -267,14 +267,15 @@ impl Dynamics for LagModel {
         _state: &[f64],
         _command: &[f64],
         adjoint: &[f64],
-        scale: f64,
+        stride: usize,
         hessian: &mut [f64],
     ) {
-        let p = self.regressor_len();
         for quadratic in &self.quadratic {
-            let factor = scale * adjoint[quadratic.row];
-            let rows = quadratic.hessian.chunks_exact(kernel::padded(p));
-            for (sums, values) in hessian.chunks_exact_mut(p).zip(rows) {
+            let factor = adjoint[quadratic.row];
+            let rows = quadratic
+                .hessian
+                .chunks_exact(kernel::padded(self.regressor_len()));
+            for (sums, values) in hessian.chunks_exact_mut(stride).zip(rows) {
                 for (sum, value) in sums.iter_mut().zip(values) {
                     *sum += factor * value;
                 }
@@ -491,7 +492,7 @@ pub(crate) mod tests {
             let mut jacobian = vec![0.0; STATE_LEN * p];
             model.jacobian(0, &z, &u, &mut jacobian);
             let mut curvature = vec![0.0; p * p];
-            model.add_curvature(0, &z, &u, &adjoint, 2.0, &mut curvature);
+            model.add_curvature(0, &z, &u, &adjoint, p, &mut curvature);
             // Polynomials of degree two: central differences are exact but for rounding.
             let h = 1e-3;
             let at = |column: usize, delta: f64| {
@@ -515,7 +516,7 @@ pub(crate) mod tests {
                 for other in 0..p {
                     let along = |jacobian: &[f64]| -> f64 {
                         (0..STATE_LEN)
-                            .map(|row| 2.0 * adjoint[row] * jacobian[row * p + other])
+                            .map(|row| adjoint[row] * jacobian[row * p + other])
                             .sum()
                     };
                     let difference = (along(&jacobian_plus) - along(&jacobian_minus)) / (2.0 * h);

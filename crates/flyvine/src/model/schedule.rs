@@ -98,10 +98,10 @@ impl Dynamics for ScheduledModel {
         z: &[f64],
         u: &[f64],
         adjoint: &[f64],
-        scale: f64,
+        stride: usize,
         hessian: &mut [f64],
     ) {
         self.at_knot(knot)
-            .add_curvature(knot, z, u, adjoint, scale, hessian);
+            .add_curvature(knot, z, u, adjoint, stride, hessian);
     }
 }

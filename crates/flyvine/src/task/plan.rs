@@ -10,7 +10,9 @@ use crate::DT;
 use crate::file::write_whole;
 use crate::flight::{Configuration, SIGNALS};
 use crate::model::{Bank, ModelError};
-use crate::trajopt::{ConstraintSource, Dynamics, Options, Problem, ProblemError, Solution, Solver, Status};
+use crate::trajopt::{
+    ConstraintSource, Dynamics, Options, Problem, ProblemError, Solution, Solver, Status, Violation,
+};
 
 /// What the file says it is.
 const SCHEMA: &str = "flyvine-plan";
@@ -240,10 +242,19 @@ fn summarize(
                     format!("in [{}, {}]", bound.lower, bound.upper)
                 }
             };
-            format!(
-                "{signal} {bound} at knot {}: off by {:.3e}",
-                worst.knot, worst.violation
-            )
+            let Violation {
+                first_knot,
+                last_knot,
+                worst_knot,
+                violation,
+                ..
+            } = *worst;
+            let knots = if first_knot == last_knot {
+                format!("knot {worst_knot}")
+            } else {
+                format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
+            };
+            format!("{signal} {bound} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
         })
         .collect();
     let state_len = problem.start.len();

@@ -37,17 +37,17 @@ pub trait Dynamics: Sync {
         self.jacobian(knot, state, command, jacobian);
     }
 
-    /// Adds `scale · Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`, `(n + m) × (n + m)`, row-major, full
-    /// symmetric. Models without curvature leave it alone.
+    /// Adds `Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`: n + m rows of `stride ≥ n + m` entries, full symmetric;
+    /// what is beyond n + m in a row is padding. Models without curvature leave it alone.
     fn add_curvature(
         &self,
         knot: usize,
         state: &[f64],
         command: &[f64],
         adjoint: &[f64],
-        scale: f64,
+        stride: usize,
         hessian: &mut [f64],
     ) {
-        let _ = (knot, state, command, adjoint, scale, hessian);
+        let _ = (knot, state, command, adjoint, stride, hessian);
     }
 }

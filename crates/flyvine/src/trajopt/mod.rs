@@ -21,6 +21,6 @@ mod start;
 pub use dynamics::Dynamics;
 pub use options::Options;
 pub use problem::{Equality, Problem, ProblemError, StateBound};
-pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status};
+pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status, Violation};
 pub use solver::Solver;
 pub use start::Start;

@@ -58,6 +58,23 @@ pub struct ConstraintMultiplier {
     pub violation: f64,
 }
 
+/// A constraint that a solution violates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Violation {
+    /// The constraint.
+    pub source: ConstraintSource,
+    /// Entry of the state that it is on.
+    pub index: usize,
+    /// First knot at which it is violated.
+    pub first_knot: usize,
+    /// Last knot at which it is violated.
+    pub last_knot: usize,
+    /// Knot at which it is violated most.
+    pub worst_knot: usize,
+    /// How much it is violated there: relaxed by as much, it would hold at all knots.
+    pub violation: f64,
+}
+
 /// A locally optimal trajectory, its feedback gains, its multipliers, and how good it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
@@ -94,22 +111,39 @@ impl Solution {
             .max_by(|a, b| a.violation.total_cmp(&b.violation))
     }
 
-    /// For every violated constraint of the problem its worst knot, the most violated first: why the solve failed.
-    pub fn diagnosis(&self, tolerance: f64) -> Vec<ConstraintMultiplier> {
-        let mut worst: Vec<ConstraintMultiplier> = Vec::new();
-        for constraint in self
-            .multipliers
-            .iter()
-            .filter(|constraint| constraint.violation > tolerance)
-        {
-            match worst.iter_mut().find(|known| known.source == constraint.source) {
-                Some(known) if known.violation >= constraint.violation => {}
-                Some(known) => *known = *constraint,
-                None => worst.push(*constraint),
+    /// For every violated constraint of the problem, the most violated first: where, by how much, and hence what would
+    /// make the problem solvable. Relaxing every named constraint by its violation is enough, because `states` would
+    /// then satisfy all of them.
+    pub fn diagnosis(&self, tolerance: f64) -> Vec<Violation> {
+        let mut violations: Vec<Violation> = Vec::new();
+        let violated = |constraint: &&ConstraintMultiplier| constraint.violation > tolerance;
+        for constraint in self.multipliers.iter().filter(violated) {
+            let ConstraintMultiplier {
+                source,
+                knot,
+                index,
+                violation,
+                ..
+            } = *constraint;
+            match violations.iter_mut().find(|known| known.source == source) {
+                Some(known) => {
+                    known.last_knot = knot;
+                    if violation > known.violation {
+                        (known.worst_knot, known.violation) = (knot, violation);
+                    }
+                }
+                None => violations.push(Violation {
+                    source,
+                    index,
+                    first_knot: knot,
+                    last_knot: knot,
+                    worst_knot: knot,
+                    violation,
+                }),
             }
         }
-        worst.sort_by(|a, b| b.violation.total_cmp(&a.violation));
-        worst
+        violations.sort_by(|a, b| b.violation.total_cmp(&a.violation));
+        violations
     }
 }
 

@@ -107,6 +107,13 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         &self.solution
     }
 
+    /// One Riccati factorization without curvature at the last solve's trajectory, and nothing else: what benchmarks
+    /// time. False if it is not convex.
+    pub fn sweep(&mut self) -> bool {
+        self.progress.convexification = Convexification::GAUSS_NEWTON;
+        self.factorize()
+    }
+
     fn run(&mut self, start: Start<'_>) -> &Solution {
         let started = Instant::now();
         self.progress = Progress::new();

@@ -15,7 +15,7 @@ use super::command_box::{self, Hold, NotPositiveDefinite};
 use super::expansion::Expansion;
 use super::riccati::Riccati;
 use super::{Shape, Trajectory};
-use crate::kernel;
+use crate::kernel::{self, Rows, Wanted};
 
 /// Which second derivatives enter the Hessian.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,8 +109,6 @@ struct Scratch {
     gradient: Vec<f64>,
     /// m × m.
     inverse: Vec<f64>,
-    /// (n + m) × (n + m).
-    curvature: Vec<f64>,
 }
 
 impl Policy {
@@ -133,7 +131,6 @@ impl Policy {
                 upper: vec![0.0; m],
                 gradient: vec![0.0; m],
                 inverse: vec![0.0; m * m],
-                curvature: vec![0.0; shape.width() * shape.width()],
             },
         }
     }
@@ -165,28 +162,22 @@ impl Policy {
         self.riccati.start(expansion.diagonal(last));
         for knot in (0..last).rev() {
             let jacobian = trajectory.jacobian(knot);
-            self.riccati.copy_shifted(expansion.diagonal(knot));
+            let diagonal = expansion.diagonal(knot);
             if convexification.curvature {
-                let fresh_costate = &adjoint.costate(knot + 1)[..fresh];
-                self.scratch.curvature.fill(0.0);
                 let (state, command) = (trajectory.state(knot), trajectory.command(knot));
-                dynamics.add_curvature(
-                    knot,
-                    state,
-                    command,
-                    fresh_costate,
-                    1.0,
-                    &mut self.scratch.curvature,
-                );
-                self.riccati.add_to_quadratic(&self.scratch.curvature);
+                let fresh_costate = &adjoint.costate(knot + 1)[..fresh];
+                let curvature = self.riccati.begin_curved();
+                dynamics.add_curvature(knot, state, command, fresh_costate, stride, curvature);
+            } else {
+                self.riccati.begin();
             }
-            self.riccati.add_products(jacobian);
-            self.extract(knot, convexification.damping);
+            self.command_blocks(knot, jacobian, diagonal, convexification.damping);
             self.prepare_box(problem, trajectory, adjoint, knot);
             self.minimize(knot)?;
             self.feedback(knot);
             let rows = knot * self.shape.command * stride..(knot + 1) * self.shape.command * stride;
-            self.riccati.finish(&self.gains[rows.clone()], &self.cross[rows]);
+            let (gains, cross) = (&self.gains[rows.clone()], &self.cross[rows]);
+            self.riccati.finish(jacobian, diagonal, gains, cross);
             self.pass_costate(knot);
         }
         Ok(())
@@ -214,13 +205,13 @@ impl Policy {
         self.scratch.costate_change[0].fill(0.0);
     }
 
-    fn extract(&mut self, knot: usize, damping: f64) {
+    fn command_blocks(&mut self, knot: usize, jacobian: &[f64], diagonal: &[f64], damping: f64) {
         let Shape {
             command: m, stride, ..
         } = self.shape;
         let hessian = &mut self.hessians[knot * m * m..][..m * m];
-        self.riccati
-            .extract_command_blocks(hessian, &mut self.cross[knot * m * stride..][..m * stride]);
+        let cross = &mut self.cross[knot * m * stride..][..m * stride];
+        self.riccati.command_blocks(jacobian, diagonal, hessian, cross);
         for j in 0..m {
             hessian[j * m + j] += damping;
         }
@@ -298,9 +289,17 @@ impl Policy {
         let inverse = &mut self.scratch.inverse;
         command_box::negative_inverse(factor, &self.holds[knot * m..][..m], inverse);
         let rows = knot * m * stride..(knot + 1) * m * stride;
-        let gain = &mut self.gains[rows.clone()];
-        gain.fill(0.0);
-        kernel::add_product(inverse, m, &self.cross[rows], stride, gain);
+        let (left, right) = (
+            Rows {
+                entries: inverse,
+                stride: m,
+            },
+            Rows {
+                entries: &self.cross[rows.clone()],
+                stride,
+            },
+        );
+        kernel::sum_products(&[], &[(left, right)], Wanted::All, stride, &mut self.gains[rows]);
     }
 
     /// Adds `Q_zu d_k` to p_k and accounts for the step's predicted decrease.
@@ -322,7 +321,9 @@ impl Policy {
         now[n..].fill(0.0);
         for i in 0..m {
             self.slope += gradient[i] * step[i];
-            self.quadratic += 0.5 * step[i] * (0..m).map(|j| hessian[i * m + j] * step[j]).sum::<f64>();
+            for j in 0..m {
+                self.quadratic += 0.5 * step[i] * hessian[i * m + j] * step[j];
+            }
         }
         std::mem::swap(next, now);
     }

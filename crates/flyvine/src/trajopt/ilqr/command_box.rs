@@ -28,8 +28,8 @@ pub fn initial_hold(lower: f64, upper: f64, gradient: f64) -> Hold {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotPositiveDefinite;
 
-/// Cholesky factor of `hessian` (m × m, row-major, lower triangle read) on the free entries; held rows and columns
-/// become those of the identity.
+/// Cholesky factor of `hessian` (m × m, row-major, lower triangle read) on the free entries, with the reciprocals of
+/// the diagonal in its place; held rows and columns become those of the identity.
 pub fn factorize(hessian: &[f64], hold: &[Hold], factor: &mut [f64]) -> Result<(), NotPositiveDefinite> {
     let m = hold.len();
     for i in 0..m {
@@ -40,12 +40,14 @@ pub fn factorize(hessian: &[f64], hold: &[Hold], factor: &mut [f64]) -> Result<(
                 true => 0.0,
                 false => hessian[i * m + j],
             };
-            let (row_i, row_j) = (&factor[i * m..i * m + j], &factor[j * m..j * m + j]);
-            let rest = entry - row_i.iter().zip(row_j).map(|(a, b)| a * b).sum::<f64>();
+            let mut rest = entry;
+            for l in 0..j {
+                rest -= factor[i * m + l] * factor[j * m + l];
+            }
             if i != j {
-                factor[i * m + j] = rest / factor[j * m + j];
+                factor[i * m + j] = rest * factor[j * m + j];
             } else if rest > PIVOT_FLOOR * entry.abs() {
-                factor[i * m + i] = rest.sqrt();
+                factor[i * m + i] = 1.0 / rest.sqrt();
             } else {
                 return Err(NotPositiveDefinite);
             }
@@ -60,13 +62,20 @@ const PIVOT_FLOOR: f64 = 1e-13;
 /// `x ← L⁻ᵀ L⁻¹ x`.
 pub fn solve(factor: &[f64], x: &mut [f64]) {
     let m = x.len();
-    for i in 0..m {
-        let sum: f64 = (0..i).map(|j| factor[i * m + j] * x[j]).sum();
-        x[i] = (x[i] - sum) / factor[i * m + i];
+    let rows = factor.chunks_exact(m).enumerate();
+    for (i, row) in rows.clone() {
+        let (before, rest) = x.split_at_mut(i);
+        for (l, &known) in row.iter().zip(&*before) {
+            rest[0] -= l * known;
+        }
+        rest[0] *= row[i];
     }
-    for i in (0..m).rev() {
-        let sum: f64 = (i + 1..m).map(|j| factor[j * m + i] * x[j]).sum();
-        x[i] = (x[i] - sum) / factor[i * m + i];
+    for (i, row) in rows.rev() {
+        let (before, rest) = x.split_at_mut(i);
+        rest[0] *= row[i];
+        for (l, unknown) in row.iter().zip(before) {
+            *unknown -= l * rest[0];
+        }
     }
 }
 
@@ -97,10 +106,13 @@ pub fn minimize_held(
         Hold::Upper => upper[j],
     };
     for i in 0..m {
-        step[i] = match hold[i] {
-            Hold::Free => -gradient[i] - (0..m).map(|j| hessian[i * m + j] * bound(j)).sum::<f64>(),
-            _ => bound(i),
-        };
+        step[i] = bound(i);
+        if hold[i] == Hold::Free {
+            step[i] = -gradient[i];
+            for j in 0..m {
+                step[i] -= hessian[i * m + j] * bound(j);
+            }
+        }
     }
     solve(factor, step);
 }
@@ -124,7 +136,10 @@ pub fn worst_fault(
         }
     }
     for j in (0..m).filter(|&j| hold[j] != Hold::Free) {
-        let slope: f64 = gradient[j] + (0..m).map(|i| hessian[j * m + i] * step[i]).sum::<f64>();
+        let mut slope = gradient[j];
+        for i in 0..m {
+            slope += hessian[j * m + i] * step[i];
+        }
         if (hold[j] == Hold::Lower && slope < 0.0) || (hold[j] == Hold::Upper && slope > 0.0) {
             return Some((j, Hold::Free));
         }

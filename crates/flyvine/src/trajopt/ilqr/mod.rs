@@ -51,11 +51,6 @@ impl Shape {
     pub fn width(&self) -> usize {
         self.state + self.command
     }
-
-    /// n − fresh.
-    pub fn shifted(&self) -> usize {
-        self.state - self.fresh
-    }
 }
 
 /// States and commands, and the linearization of the dynamics along them.

@@ -1,45 +1,57 @@
 //! One knot of the Riccati recursion, exploiting the companion form.
 //!
-//! With `δz⁺ = (C δw, S δw)` and the value Hessian P split after `fresh` entries into P₁₁, P₁₂, P₂₂,
+//! With `δz⁺ = (C δw, S δw)`, `C = [A B]`, and the value Hessian P split after `fresh` entries into P₁₁, P₁₂, P₂₂,
 //!
 //! ```text
-//! Q = Cᵀ (P₁₁ C + P₁₂ S) + (P₁₂ S)ᵀ C + Sᵀ P₂₂ S + L_ww
-//! P ← Q_zz − Q_zu Q_uu⁻¹ Q_uz
+//! W = P₁₁ C + P₁₂ S
+//! [Q_uz Q_uu] = Bᵀ W + [L_uz L_uu],   K = −Q_uu⁻¹ Q_uz
+//! P ← L_zz + Sᵀ P₂₂ S + Aᵀ W + (P₁₂ S)ᵀ A + Kᵀ Q_uz
 //! ```
 //!
 //! S only selects, so products with it are copies: for three lags of nine entries and three commands this costs
-//! 22 kflop instead of the 110 of dense matrices. Only upper triangles are computed and read, so P is symmetric by
+//! 23 kflop instead of the 110 of dense matrices. Only upper triangles are computed and read, so P is symmetric by
 //! construction; an antisymmetric part would grow from knot to knot.
 
 use super::Shape;
-use crate::kernel;
+use crate::kernel::{self, Rows, Wanted};
 
 /// Value Hessian and scratch of the recursion.
 #[derive(Debug, Clone)]
 pub struct Riccati {
     shape: Shape,
-    /// P, upper triangle, (n + m) × stride; rows and columns of the command are meaningless.
+    /// Length of a row of P.
+    value_stride: usize,
+    /// P of the later knot, upper triangle, with zeros to the right and below: so `P₁₂ S` and `Sᵀ P₂₂ S` are P itself,
+    /// read from column `fresh` on, or from row and column `fresh` on.
     value: Vec<f64>,
-    /// Q, upper triangle, (n + m) × stride.
-    quadratic: Vec<f64>,
-    /// P₁₁ in full, fresh × stride.
+    /// Room for P of this knot.
+    next_value: Vec<f64>,
+    /// Second derivatives of the Lagrangian at this knot beside its diagonal, n + m rows of `stride`.
+    curvature: Vec<f64>,
+    /// Whether there are any.
+    curved: bool,
+    /// P₁₁ in full, fresh rows of `stride`.
     fresh_block: Vec<f64>,
-    /// P₁₂ S, fresh × stride.
-    shifted_block: Vec<f64>,
-    /// P₁₁ C + P₁₂ S, fresh × stride.
+    /// W, fresh rows of `stride`.
     product: Vec<f64>,
 }
 
 impl Riccati {
     pub fn new(shape: Shape) -> Self {
-        let square = vec![0.0; shape.width() * shape.stride];
-        let rows = vec![0.0; shape.fresh * shape.stride];
+        let Shape {
+            state, fresh, stride, ..
+        } = shape;
+        let value_stride = kernel::padded(fresh + shape.width());
+        let value = vec![0.0; (fresh + state + 1) * value_stride];
+        let rows = vec![0.0; fresh * stride];
         Self {
             shape,
-            value: square.clone(),
-            quadratic: square,
+            value_stride,
+            value: value.clone(),
+            next_value: value,
+            curvature: vec![0.0; shape.width() * stride],
+            curved: false,
             fresh_block: rows.clone(),
-            shifted_block: rows.clone(),
             product: rows,
         }
     }
@@ -48,95 +60,101 @@ impl Riccati {
     pub fn start(&mut self, diagonal: &[f64]) {
         self.value.fill(0.0);
         for i in 0..self.shape.state {
-            self.value[i * self.shape.stride + i] = diagonal[i];
+            self.value[i * self.value_stride + i] = diagonal[i];
         }
     }
 
-    /// `Q = Sᵀ P₂₂ S + diag(l_ww)`, the part of Q that is copied.
-    pub fn copy_shifted(&mut self, diagonal: &[f64]) {
-        let Shape {
-            state: n,
-            fresh,
-            stride,
-            ..
-        } = self.shape;
-        let shifted = self.shape.shifted();
-        for (i, row) in self.quadratic.chunks_exact_mut(stride).enumerate() {
-            row[i..].fill(0.0);
-            if i < shifted {
-                row[i..shifted].copy_from_slice(&self.value[(fresh + i) * stride..][fresh + i..n]);
-            }
-            row[i] += diagonal[i];
-        }
+    /// Begins a knot whose Lagrangian has a diagonal Hessian.
+    pub fn begin(&mut self) {
+        self.curved = false;
     }
 
-    /// Adds the upper triangle of a symmetric (n + m) × (n + m) matrix to Q.
-    pub fn add_to_quadratic(&mut self, symmetric: &[f64]) {
-        let width = self.shape.width();
-        for (i, row) in self.quadratic.chunks_exact_mut(self.shape.stride).enumerate() {
-            for (entry, &extra) in row[i..width].iter_mut().zip(&symmetric[i * width..][i..width]) {
-                *entry += extra;
-            }
-        }
+    /// Begins a knot with other second derivatives than the diagonal's, to be added to these n + m rows of `stride`.
+    pub fn begin_curved(&mut self) -> &mut [f64] {
+        self.curved = true;
+        self.curvature.fill(0.0);
+        &mut self.curvature
     }
 
-    /// Adds the products with the Jacobian C to Q.
-    pub fn add_products(&mut self, jacobian: &[f64]) {
-        let Shape {
-            state: n,
-            fresh,
-            stride,
-            ..
-        } = self.shape;
-        let shifted = self.shape.shifted();
-        for (i, row) in self.shifted_block.chunks_exact_mut(stride).enumerate() {
-            row[..shifted].copy_from_slice(&self.value[i * stride..][fresh..n]);
-            for j in i..fresh {
-                let entry = self.value[i * stride + j];
-                self.fresh_block[i * stride + j] = entry;
-                self.fresh_block[j * stride + i] = entry;
-            }
-        }
-        self.product.copy_from_slice(&self.shifted_block);
-        kernel::add_transpose_product(&self.fresh_block, jacobian, stride, false, &mut self.product);
-        kernel::add_transpose_product(jacobian, &self.product, stride, true, &mut self.quadratic);
-        let shifted_rows = &mut self.quadratic[..shifted * stride];
-        kernel::add_transpose_product(&self.shifted_block, jacobian, stride, true, shifted_rows);
-    }
-
-    /// Copies `Q_uu` (m × m, symmetric) and `Q_uz` (m × stride, zero beyond n) out.
-    pub fn extract_command_blocks(&self, command_hessian: &mut [f64], cross: &mut [f64]) {
+    /// Copies `Q_uu` (m × m, symmetric) and `Q_uz` (m × stride, zero beyond n) out, C being fresh × stride and
+    /// `diagonal` that of `L_ww`.
+    pub fn command_blocks(
+        &mut self,
+        jacobian: &[f64],
+        diagonal: &[f64],
+        command_hessian: &mut [f64],
+        cross: &mut [f64],
+    ) {
         let Shape {
             state: n,
             command: m,
+            fresh,
             stride,
             ..
         } = self.shape;
-        for (i, row) in self.quadratic.chunks_exact(stride).take(n).enumerate() {
-            for j in 0..m {
-                cross[j * stride + i] = row[n + j];
+        for i in 0..fresh {
+            let row = &self.value[i * self.value_stride..][i..fresh];
+            self.fresh_block[i * stride + i..][..row.len()].copy_from_slice(row);
+            let column = self.fresh_block[i * stride + i..].iter_mut().step_by(stride);
+            for (entry, &value) in column.zip(row) {
+                *entry = value;
             }
         }
-        for i in 0..m {
-            for j in i..m {
-                let entry = self.quadratic[(n + i) * stride + n + j];
-                command_hessian[i * m + j] = entry;
-                command_hessian[j * m + i] = entry;
-            }
+        let rows = |entries| Rows { entries, stride };
+        let shifted = Rows {
+            entries: &self.value[fresh..],
+            stride: self.value_stride,
+        };
+        let factors = [(rows(&self.fresh_block), rows(jacobian))];
+        kernel::sum_products(&[shifted], &factors, Wanted::All, stride, &mut self.product);
+        let factors = [(rows(&jacobian[n..]), rows(&self.product))];
+        let curvature = [rows(&self.curvature[n * stride..])];
+        let addends = &curvature[..usize::from(self.curved)];
+        kernel::sum_products(addends, &factors, Wanted::All, stride, cross);
+        let hessian_rows = command_hessian.chunks_exact_mut(m);
+        for (j, (row, hessian)) in cross.chunks_exact_mut(stride).zip(hessian_rows).enumerate() {
+            hessian.copy_from_slice(&row[n..n + m]);
+            hessian[j] += diagonal[n + j];
+            row[n..].fill(0.0);
         }
     }
 
-    /// `P ← Q_zz + gainsᵀ cross`: with `gains = −Q_uu⁻¹ Q_uz` on the free commands and 0 on the held ones.
-    pub fn finish(&mut self, gains: &[f64], cross: &[f64]) {
-        let Shape { state, stride, .. } = self.shape;
-        kernel::add_transpose_product(gains, cross, stride, true, &mut self.quadratic[..state * stride]);
-        std::mem::swap(&mut self.value, &mut self.quadratic);
+    /// P of this knot, with `gains = −Q_uu⁻¹ Q_uz` on the free commands and 0 on the held ones, m × stride as `cross`.
+    pub fn finish(&mut self, jacobian: &[f64], diagonal: &[f64], gains: &[f64], cross: &[f64]) {
+        let Shape {
+            state, fresh, stride, ..
+        } = self.shape;
+        let value_stride = self.value_stride;
+        let rows = |entries| Rows { entries, stride };
+        let value = |from: usize| Rows {
+            entries: &self.value[from..],
+            stride: value_stride,
+        };
+        let addends = [value(fresh * value_stride + fresh), rows(&self.curvature)];
+        let addends = &addends[..1 + usize::from(self.curved)];
+        let factors = [
+            (rows(jacobian), rows(&self.product)),
+            (value(fresh), rows(jacobian)),
+            (rows(gains), rows(cross)),
+        ];
+        let out = &mut self.next_value[..state * value_stride];
+        kernel::sum_products(
+            addends,
+            &factors,
+            Wanted::Upper { columns: state },
+            value_stride,
+            out,
+        );
+        for (entry, extra) in out.iter_mut().step_by(value_stride + 1).zip(diagonal) {
+            *entry += extra;
+        }
+        std::mem::swap(&mut self.value, &mut self.next_value);
     }
 
-    /// P, upper triangle, rows of `stride`.
+    /// P's entry, `i ≤ j`.
     #[cfg(test)]
-    pub fn value(&self) -> &[f64] {
-        &self.value
+    pub fn value(&self, i: usize, j: usize) -> f64 {
+        self.value[i * self.value_stride + j]
     }
 }
 
@@ -182,7 +200,7 @@ mod tests {
                 dense = dense_step(&dense, &diagonal, &transition, m);
                 for i in 0..n {
                     for j in i..n {
-                        let (found, expected) = (riccati.value()[i * stride + j], dense[(i, j)]);
+                        let (found, expected) = (riccati.value(i, j), dense[(i, j)]);
                         let error = (found - expected).abs();
                         assert!(
                             error <= 1e-11 * dense.amax(),
@@ -202,9 +220,8 @@ mod tests {
             ..
         } = riccati.shape;
         let (mut command_hessian, mut cross) = (vec![0.0; m * m], vec![0.0; m * stride]);
-        riccati.copy_shifted(diagonal);
-        riccati.add_products(jacobian);
-        riccati.extract_command_blocks(&mut command_hessian, &mut cross);
+        riccati.begin();
+        riccati.command_blocks(jacobian, diagonal, &mut command_hessian, &mut cross);
         let command_hessian = DMatrix::from_row_slice(m, m, &command_hessian);
         let right = DMatrix::from_fn(m, n, |j, i| -cross[j * stride + i]);
         let solved = command_hessian.cholesky().expect("convex").solve(&right);
@@ -214,7 +231,7 @@ mod tests {
                 gains[j * stride + i] = solved[(j, i)];
             }
         }
-        riccati.finish(&gains, &cross);
+        riccati.finish(jacobian, diagonal, &gains, &cross);
     }
 
     fn dense_step(
