@@ -1,6 +1,8 @@
 //! Shipped problems with starts, targets, bounds, references and models disturbed at random: the solver converges, or
 //! says truthfully why not, and never leaves the finite numbers.
 
+#![allow(clippy::print_stdout)] // a tally for people
+
 use super::tests::{problem_path, verify};
 use super::{BenchmarkProblem, parse_problem};
 use crate::trajopt::{

@@ -218,10 +218,11 @@ impl ActiveSet {
         }
         for index in 0..self.guess.len() {
             let candidate = self.guess[index];
-            if bound(program, candidate).is_finite() && !self.is_active[candidate.row] {
-                if let Some(curvature) = self.prepare(program, candidate) {
-                    self.push(candidate, curvature, 0.0);
-                }
+            if bound(program, candidate).is_finite()
+                && !self.is_active[candidate.row]
+                && let Some(curvature) = self.prepare(program, candidate)
+            {
+                self.push(candidate, curvature, 0.0);
             }
         }
         // M y = b̃ − C̃ v₀
