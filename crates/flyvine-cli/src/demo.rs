@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use flyvine::control::mpc::MpcOptions;
 use flyvine::control::supervisor::{Limits, Room};
 use flyvine::control::{End, OpenLoop, Trajectory, fly};
 use flyvine::flight::{Configuration, Flight, HygieneOptions, clean, write_flight};
@@ -216,6 +217,7 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
         let outcome = fly_plan(
             plan,
             ControllerChoice::OpenLoop,
+            &MpcOptions::default(),
             Limits::default(),
             &mut vehicle,
             seed,

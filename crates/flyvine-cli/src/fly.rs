@@ -1,11 +1,13 @@
 //! `flyvine fly`: a plan on a vehicle.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use clap::{Args, ValueEnum};
+use flyvine::control::mpc::{ModelPredictive, MpcOptions, QpStatus};
 use flyvine::control::supervisor::Limits;
-use flyvine::control::{End, FlightOutcome, OpenLoop, Tracking, Trajectory, fly};
+use flyvine::control::{Controller, End, FlightOutcome, OpenLoop, StepRecord, Tracking, Trajectory, fly};
 use flyvine::flight::write_flight;
 use flyvine::link::Vehicle;
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
@@ -37,6 +39,9 @@ pub struct FlyArguments {
     /// The control law.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
+    /// Settings of `--controller mpc` (TOML); what is left out takes its default.
+    #[arg(long, value_name = "OPTIONS.toml")]
+    mpc_options: Option<PathBuf>,
     /// Where to write the recording: .mcap (opens in Foxglove, Rerun and PlotJuggler) or .csv.
     #[arg(long, value_name = "FLIGHT")]
     out: PathBuf,
@@ -52,6 +57,8 @@ pub enum ControllerChoice {
     OpenLoop,
     /// The plan's commands, corrected by its time-varying feedback gains.
     Tracking,
+    /// Model-predictive control along the plan, behind an estimator of disturbances and delay.
+    Mpc,
 }
 
 /// Runs `flyvine fly`.
@@ -64,10 +71,15 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
         ));
     }
     let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
+    let options = match &arguments.mpc_options {
+        Some(path) => read_mpc_options(path)?,
+        None => MpcOptions::default(),
+    };
     let bar = progress(plan.knots() as u64, "flying");
     let outcome = fly_plan(
         &plan,
         arguments.controller,
+        &options,
         limits,
         vehicle.as_mut(),
         arguments.seed,
@@ -87,6 +99,9 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     for event in &outcome.events {
         say(&event.to_string());
     }
+    if let Some(summary) = describe_steps(&outcome.steps) {
+        say(&summary);
+    }
     let closed = vehicle.close();
     if let End::Aborted { t_s, cause } = &outcome.end {
         say(&format!("flight aborted at {t_s:.2} s: {cause}"));
@@ -104,6 +119,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
 pub fn fly_plan(
     plan: &Plan,
     controller: ControllerChoice,
+    options: &MpcOptions,
     limits: Limits,
     vehicle: &mut dyn Vehicle,
     seed: u64,
@@ -119,24 +135,48 @@ pub fn fly_plan(
         bounds.upper,
     )
     .or_input()?;
-    let mut outcome = match controller {
-        ControllerChoice::OpenLoop => fly(
-            &trajectory,
-            &mut OpenLoop::new(&trajectory),
-            limits,
-            vehicle,
-            seed,
-            progress,
-        )
-        .or_input(),
-        ControllerChoice::Tracking => {
-            let model = plan.bank.scheduled(&plan.configurations).or_input()?;
-            let mut tracking = Tracking::new(&trajectory, &model).or_input()?;
-            fly(&trajectory, &mut tracking, limits, vehicle, seed, progress).or_input()
-        }
-    }?;
+    let model = plan.bank.scheduled(&plan.configurations).or_input()?;
+    let mut controller: Box<dyn Controller> = match controller {
+        ControllerChoice::OpenLoop => Box::new(OpenLoop::new(&trajectory)),
+        ControllerChoice::Tracking => Box::new(Tracking::new(&trajectory, &model).or_input()?),
+        ControllerChoice::Mpc => Box::new(
+            ModelPredictive::new(&trajectory, &model, &plan.reference, &limits.room, options).or_input()?,
+        ),
+    };
+    let mut outcome = fly(&trajectory, controller.as_mut(), limits, vehicle, seed, progress).or_input()?;
     outcome.flight.name.clone_from(&plan.task.name);
     Ok(outcome)
+}
+
+/// Times and outcomes of a controller that optimizes; nothing for others.
+fn describe_steps(steps: &[StepRecord]) -> Option<String> {
+    let reports: Vec<_> = steps.iter().filter_map(|step| step.report).collect();
+    let last = reports.last()?;
+    let mut times: Vec<f64> = steps.iter().map(|step| step.step_ms).collect();
+    times.sort_by(f64::total_cmp);
+    let unsolved = reports
+        .iter()
+        .filter(|report| report.status != QpStatus::Optimal)
+        .count();
+    let residual = reports.iter().map(|report| report.residual).fold(0.0, f64::max);
+    Some(format!(
+        "{} steps: median {:.3} ms, slowest {:.3} ms; {unsolved} not solved to the end, largest residual {residual:.1e}; \
+         commands arrive {:.2} ± {:.2} knots later than the model knows",
+        reports.len(),
+        times[times.len() / 2],
+        times[times.len() - 1],
+        last.delay_knots,
+        last.delay_deviation_knots
+    ))
+}
+
+fn read_mpc_options(path: &Path) -> Result<MpcOptions, Failure> {
+    let text = std::fs::read_to_string(path)
+        .with_context(|| path.display().to_string())
+        .or_input()?;
+    toml::from_str(&text)
+        .with_context(|| path.display().to_string())
+        .or_input()
 }
 
 /// A vehicle, and the limits within which it may be flown.

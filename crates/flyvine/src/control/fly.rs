@@ -1,9 +1,10 @@
 //! One flight of a trajectory on a vehicle in lockstep.
 
 use std::ops::ControlFlow;
+use std::time::Instant;
 
 use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, Supervisor, SupervisorError};
-use super::{Controller, Proposal, Tick, Trajectory};
+use super::{Controller, Proposal, StepReport, Tick, Trajectory};
 use crate::DT;
 use crate::flight::{Flight, Sample};
 use crate::link::{Vehicle, VehicleError};
@@ -17,10 +18,23 @@ pub struct FlightOutcome {
     pub flight: Flight,
     /// How it ended.
     pub end: End,
+    /// The controller's steps, in order.
+    pub steps: Vec<StepRecord>,
     /// What the supervisor had to say, in order.
     pub events: Vec<Event>,
     /// Error of the vehicle while the position was held after an abort.
     pub hold_error: Option<VehicleError>,
+}
+
+/// One step of the controller.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepRecord {
+    /// Row of the flight that its proposal became.
+    pub row: usize,
+    /// Wall-clock time that it took, ms.
+    pub step_ms: f64,
+    /// What the controller says of it, if anything.
+    pub report: Option<StepReport>,
 }
 
 /// How a flight ended.
@@ -72,6 +86,7 @@ pub fn fly(
         },
     )?;
     let mut samples = Vec::with_capacity(trajectory.knots());
+    let mut steps = Vec::with_capacity(trajectory.knots());
     let mut vehicle_error = None;
     let last_knot = trajectory.knots() - 1;
 
@@ -95,11 +110,18 @@ pub fn fly(
         let held_command = supervisor.setpoint();
         let credible = supervisor.observe(t_s, &observation, configuration);
         let proposal = if supervisor.reason().is_none() && row < last_knot {
-            controller.propose(&Tick {
+            let started = Instant::now();
+            let proposal = controller.propose(&Tick {
                 knot: row,
                 observation: credible,
                 held_command,
-            })
+            });
+            steps.push(StepRecord {
+                row,
+                step_ms: 1e3 * started.elapsed().as_secs_f64(),
+                report: controller.report(),
+            });
+            proposal
         } else {
             Proposal::Command(held_command)
         };
@@ -153,6 +175,7 @@ pub fn fly(
     Ok(FlightOutcome {
         flight,
         end,
+        steps,
         events,
         hold_error,
     })

@@ -8,6 +8,7 @@
 //!
 //! A [`Controller`] only proposes; what reaches the vehicle is what the [`supervisor`] lets through.
 
+pub mod estimator;
 mod fly;
 pub mod mpc;
 mod open_loop;
@@ -15,7 +16,7 @@ pub mod supervisor;
 mod tracking;
 mod trajectory;
 
-pub use fly::{AbortCause, End, FlightOutcome, fly};
+pub use fly::{AbortCause, End, FlightOutcome, StepRecord, fly};
 pub use open_loop::OpenLoop;
 pub use tracking::{Tracking, TrackingError};
 pub use trajectory::{Trajectory, TrajectoryError};
@@ -45,8 +46,31 @@ pub enum Proposal {
     Failed,
 }
 
-/// A control law on a plan.
+/// What a controller that optimizes has to say about its last step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepReport {
+    /// How its optimization ended.
+    pub status: mpc::QpStatus,
+    /// Changes of the active set: with this budget the step can be repeated to the last bit.
+    pub changes: usize,
+    /// Active constraints.
+    pub active: usize,
+    /// Optimality residual.
+    pub residual: f64,
+    /// Estimated lateness of commands beyond the model's, knots.
+    pub delay_knots: f64,
+    /// Its standard deviation, knots.
+    pub delay_deviation_knots: f64,
+}
+
+/// A control law on a plan: the slot for your own. [`fly()`] calls it in flight as in simulation, and the supervisor
+/// stands between it and the vehicle.
 pub trait Controller {
     /// Proposes the command u_k; called once for each knot that has one, in order from 0.
     fn propose(&mut self, tick: &Tick) -> Proposal;
+
+    /// What there is to say about the last proposal, for the record.
+    fn report(&self) -> Option<StepReport> {
+        None
+    }
 }

@@ -69,7 +69,8 @@ impl Budget {
 
     fn spent(&self, changes: usize) -> bool {
         let late = |deadline| Instant::now() >= deadline;
-        changes >= self.changes || (changes % CHANGES_PER_LOOK == 0 && self.deadline.is_some_and(late))
+        changes >= self.changes
+            || (changes.is_multiple_of(CHANGES_PER_LOOK) && self.deadline.is_some_and(late))
     }
 }
 
@@ -218,10 +219,11 @@ impl ActiveSet {
         }
         for index in 0..self.guess.len() {
             let candidate = self.guess[index];
-            if bound(program, candidate).is_finite() && !self.is_active[candidate.row] {
-                if let Some(curvature) = self.prepare(program, candidate) {
-                    self.push(candidate, curvature, 0.0);
-                }
+            if bound(program, candidate).is_finite()
+                && !self.is_active[candidate.row]
+                && let Some(curvature) = self.prepare(program, candidate)
+            {
+                self.push(candidate, curvature, 0.0);
             }
         }
         // M y = b̃ − C̃ v₀
