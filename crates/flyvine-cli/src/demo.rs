@@ -4,7 +4,6 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use flyvine::control::mpc::MpcOptions;
 use flyvine::control::supervisor::{Limits, Room};
 use flyvine::control::{End, OpenLoop, Trajectory, fly};
 use flyvine::flight::{Configuration, Flight, HygieneOptions, clean, write_flight};
@@ -20,7 +19,7 @@ use crate::check::check_table;
 use crate::console::{centimetres, print, progress, say, table};
 use crate::fit::{say_findings, write_json};
 use crate::flights::CORNERS;
-use crate::fly::{ControllerChoice, fly_plan};
+use crate::fly::{Flying, fly_plan};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::run_folder::{experiment_folder, read_results, write_experiment, write_report};
 
@@ -216,8 +215,7 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
         let seed = seed.wrapping_add(2000 + index as u64);
         let outcome = fly_plan(
             plan,
-            ControllerChoice::OpenLoop,
-            &MpcOptions::default(),
+            &Flying::default(),
             Limits::default(),
             &mut vehicle,
             seed,

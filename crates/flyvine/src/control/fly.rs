@@ -4,9 +4,9 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, Supervisor, SupervisorError};
-use super::{Controller, Proposal, StepReport, Tick, Trajectory};
+use super::{Controller, Proposal, Tick, Trajectory};
 use crate::DT;
-use crate::flight::{Flight, Sample};
+use crate::flight::{ControlStep, Flight, Sample};
 use crate::link::{Vehicle, VehicleError};
 
 /// What became of a flight. The recording is there whatever the end.
@@ -18,23 +18,12 @@ pub struct FlightOutcome {
     pub flight: Flight,
     /// How it ended.
     pub end: End,
-    /// The controller's steps, in order.
-    pub steps: Vec<StepRecord>,
+    /// What the controller reported of its steps, in order.
+    pub steps: Vec<ControlStep>,
     /// What the supervisor had to say, in order.
     pub events: Vec<Event>,
     /// Error of the vehicle while the position was held after an abort.
     pub hold_error: Option<VehicleError>,
-}
-
-/// One step of the controller.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StepRecord {
-    /// Row of the flight that its proposal became.
-    pub row: usize,
-    /// Wall-clock time that it took, ms.
-    pub step_ms: f64,
-    /// What the controller says of it, if anything.
-    pub report: Option<StepReport>,
 }
 
 /// How a flight ended.
@@ -116,11 +105,12 @@ pub fn fly(
                 observation: credible,
                 held_command,
             });
-            steps.push(StepRecord {
-                row,
-                step_ms: 1e3 * started.elapsed().as_secs_f64(),
-                report: controller.report(),
-            });
+            let step_ms = 1e3 * started.elapsed().as_secs_f64();
+            steps.extend(
+                controller
+                    .report()
+                    .map(|report| ControlStep { row, step_ms, report }),
+            );
             proposal
         } else {
             Proposal::Command(held_command)

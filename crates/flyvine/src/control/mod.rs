@@ -10,17 +10,22 @@
 
 pub mod estimator;
 mod fly;
+mod learning;
 pub mod mpc;
 mod open_loop;
+mod replanning;
 pub mod supervisor;
 mod tracking;
 mod trajectory;
 
-pub use fly::{AbortCause, End, FlightOutcome, StepRecord, fly};
+pub use fly::{AbortCause, End, FlightOutcome, fly};
+pub use learning::{Lap, LapLearning};
 pub use open_loop::OpenLoop;
-pub use tracking::{Tracking, TrackingError};
+pub use replanning::{Replanning, ReplanningError};
+pub use tracking::Tracking;
 pub use trajectory::{Trajectory, TrajectoryError};
 
+use crate::flight::StepReport;
 use crate::link::Observation;
 
 /// What a controller is told before it proposes a command.
@@ -44,23 +49,6 @@ pub enum Proposal {
     Late,
     /// No answer and no hope of one: an abort.
     Failed,
-}
-
-/// What a controller that optimizes has to say about its last step.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StepReport {
-    /// How its optimization ended.
-    pub status: mpc::QpStatus,
-    /// Changes of the active set: with this budget the step can be repeated to the last bit.
-    pub changes: usize,
-    /// Active constraints.
-    pub active: usize,
-    /// Optimality residual.
-    pub residual: f64,
-    /// Estimated lateness of commands beyond the model's, knots.
-    pub delay_knots: f64,
-    /// Its standard deviation, knots.
-    pub delay_deviation_knots: f64,
 }
 
 /// A control law on a plan: the slot for your own. [`fly()`] calls it in flight as in simulation, and the supervisor

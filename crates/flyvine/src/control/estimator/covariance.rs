@@ -56,6 +56,14 @@ impl Covariance {
         }
     }
 
+    /// Independent entries with these standard deviations, once more.
+    pub fn reset(&mut self, deviations: &[f64]) {
+        self.matrix.fill(0.0);
+        for (i, deviation) in deviations.iter().enumerate() {
+            self.matrix[i * self.stride + i] = deviation * deviation;
+        }
+    }
+
     /// P\[i\]\[i\].
     pub fn variance(&self, i: usize) -> f64 {
         self.matrix[i * self.stride + i]

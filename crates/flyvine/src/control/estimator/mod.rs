@@ -1,11 +1,13 @@
 //! What the vehicle does and what the world does to it, from poses: an extended Kalman filter on a bank's model.
 //!
-//! The model's state z is joined by nine disturbances d (offset-free: whatever the model cannot explain in the mean
-//! ends up there) and by how much later than the model believes commands arrive, τ in knots:
+//! The model's state z is joined by nine steady disturbances d (offset-free: whatever the model cannot explain in the
+//! mean ends up there), nine gusts g that fade, and by how much later than the model believes commands arrive, τ in
+//! knots:
 //!
 //! ```text
-//! z⁺ = f(z, û) + E d,   d⁺ = d + w_d,   τ⁺ = τ + w_τ,   û_k = (1 − φ) u_{k−i} + φ u_{k−i−1},  i + φ = τ
-//! y = C z + v,          C: the first nine entries
+//! z⁺ = f(z, û) + E (d + g),   d⁺ = d + w_d,   g⁺ = ρ g + w_g,   τ⁺ = τ + w_τ
+//! û_k = (1 − φ) u_{k−i} + φ u_{k−i−1},   i + φ = τ
+//! y = C z + v,   C: the first nine entries
 //! ```
 //!
 //! [`Estimator::predict`] is the time update with the command that really left; [`Estimator::correct`] takes in the
@@ -17,6 +19,7 @@ mod noise;
 
 pub use noise::{BodyNoise, NoiseLevels};
 
+use super::Tick;
 use super::trajectory::POSE_STATE_LEN;
 use crate::flight::Pose;
 use crate::link::Observation;
@@ -25,8 +28,10 @@ use crate::trajopt::Dynamics;
 use covariance::Covariance;
 use noise::Layout;
 
-/// Number of disturbances.
+/// Number of disturbances, and of gusts.
 pub const DISTURBANCES: usize = 9;
+/// Entries behind z: disturbances, gusts, delay.
+const EXTRA: usize = 2 * DISTURBANCES + 1;
 /// Commands that are remembered: the largest delay, in knots, and one more to interpolate.
 const COMMANDS_KEPT: usize = 6;
 /// Largest delay beyond the model's, knots.
@@ -35,6 +40,9 @@ const DELAY_MAX: f64 = (COMMANDS_KEPT - 2) as f64;
 const GATE: f64 = 6.0;
 /// … unless so many rows running were: then it is the estimate that is wrong.
 const REFUSALS_MAX: u32 = 3;
+
+/// Knots of hovering that [`Estimator::settle`] imagines: enough for the autopilot's slow integrator.
+const SETTLING_KNOTS: usize = 100;
 
 /// A model that the filter cannot run on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -68,7 +76,7 @@ pub enum EstimatorError {
 pub struct Estimator<'a> {
     model: &'a ScheduledModel,
     layout: Layout,
-    /// z (n), d (9), τ (1).
+    /// z (n), d (9), g (9), τ (1).
     mean: Vec<f64>,
     covariance: Covariance,
     /// Commands that left, the newest first, m.
@@ -78,8 +86,6 @@ pub struct Estimator<'a> {
     /// Workspace: the Jacobian of the model, row-major, and fresh entries.
     jacobian: Vec<f64>,
     fresh: Vec<f64>,
-    /// Sum of the squared normalized innovations and of the logarithms of their variances at the last correction, and
-    /// how many there were.
     surprise: Surprise,
 }
 
@@ -123,7 +129,7 @@ impl<'a> Estimator<'a> {
             Model::Physical(_) => Layout::physical(n, noise),
         };
         let mut mean = start.to_vec();
-        mean.resize(n + DISTURBANCES + 1, 0.0);
+        mean.resize(n + EXTRA, 0.0);
         Ok(Self {
             model,
             covariance: Covariance::diagonal(&layout.initial),
@@ -138,7 +144,7 @@ impl<'a> Estimator<'a> {
     }
 
     fn state_len(&self) -> usize {
-        self.mean.len() - DISTURBANCES - 1
+        self.mean.len() - EXTRA
     }
 
     /// The estimated state z (n).
@@ -146,9 +152,19 @@ impl<'a> Estimator<'a> {
         &self.mean[..self.state_len()]
     }
 
-    /// The estimated disturbances d.
+    /// The estimated steady disturbances d.
     pub fn disturbance(&self) -> &[f64] {
         &self.mean[self.state_len()..][..DISTURBANCES]
+    }
+
+    /// The estimated gusts g.
+    pub fn gust(&self) -> &[f64] {
+        &self.mean[self.state_len() + DISTURBANCES..][..DISTURBANCES]
+    }
+
+    /// What is left of a gust one knot later, ρ.
+    pub fn gust_decay(&self) -> f64 {
+        self.layout.gust_decay
     }
 
     /// How much later than the model believes commands arrive, knots, and its standard deviation.
@@ -167,20 +183,17 @@ impl<'a> Estimator<'a> {
         self.covariance.variance(index).sqrt()
     }
 
-    /// Writes E d, what the disturbances add to the fresh entries of a step, into `push` (fresh).
-    pub fn write_push(&self, push: &mut [f64]) {
-        push.fill(0.0);
-        for (entry, disturbance, gain) in &self.layout.entries {
-            push[*entry] += gain * self.disturbance()[*disturbance];
+    /// Writes what the steady disturbances and the gusts add to the fresh entries of a step, E d and E g.
+    fn write_push(&self, steady: &mut [f64], gust: &mut [f64]) {
+        for (push, sources) in [(steady, self.disturbance()), (gust, self.gust())] {
+            push.fill(0.0);
+            for (entry, disturbance, gain) in &self.layout.entries {
+                push[*entry] += gain * sources[*disturbance];
+            }
         }
     }
 
-    /// The commands that left, the newest first, m.
-    pub fn commands(&self) -> &[[f64; 3]] {
-        &self.commands
-    }
-
-    /// The command in force `ago` steps back (0: the one that was sent last is the newest), given the delay.
+    /// The command in force, given the delay, and how it changes per knot of delay.
     fn effective_command(&self) -> ([f64; 3], [f64; 3]) {
         let delay = self.delay_knots().0;
         let whole = (delay.floor() as usize).min(COMMANDS_KEPT - 2);
@@ -190,6 +203,16 @@ impl<'a> Estimator<'a> {
             std::array::from_fn(|axis| (1.0 - fraction) * newer[axis] + fraction * older[axis]),
             std::array::from_fn(|axis| older[axis] - newer[axis]),
         )
+    }
+
+    /// Everything that a controller's tick brings: time update with the command that was held, and the poses.
+    pub fn update(&mut self, tick: &Tick) {
+        if tick.knot == 0 {
+            self.settle(&tick.observation);
+        } else {
+            self.predict(tick.knot - 1, tick.held_command);
+            self.correct(&tick.observation);
+        }
     }
 
     /// Time update from `knot` to the next, during which `command` was held.
@@ -206,7 +229,11 @@ impl<'a> Estimator<'a> {
             &mut self.jacobian,
         );
         for (entry, disturbance, gain) in &self.layout.entries {
-            self.fresh[*entry] += gain * self.mean[n + disturbance];
+            self.fresh[*entry] +=
+                gain * (self.mean[n + disturbance] + self.mean[n + DISTURBANCES + disturbance]);
+        }
+        for gust in &mut self.mean[n + DISTURBANCES..][..DISTURBANCES] {
+            *gust *= self.layout.gust_decay;
         }
         let fresh = self.fresh.len();
         self.mean.copy_within(..n - fresh, fresh);
@@ -219,18 +246,66 @@ impl<'a> Estimator<'a> {
                 transition.set(i, j, entry);
             }
             let by_delay = (0..3).map(|axis| row[n + axis] * per_knot[axis]).sum();
-            transition.set(i, n + DISTURBANCES, by_delay);
+            transition.set(i, n + EXTRA - 1, by_delay);
         }
         for (entry, disturbance, gain) in &self.layout.entries {
             transition.set(*entry, n + disturbance, *gain);
+            transition.set(*entry, n + DISTURBANCES + disturbance, *gain);
         }
         for i in fresh..n {
             transition.set(i, i - fresh, 1.0);
         }
-        for i in n..n + DISTURBANCES + 1 {
-            transition.set(i, i, 1.0);
+        for i in n..n + EXTRA {
+            let is_gust = (DISTURBANCES..2 * DISTURBANCES).contains(&(i - n));
+            transition.set(i, i, if is_gust { self.layout.gust_decay } else { 1.0 });
         }
         self.covariance.propagate(&self.layout.process);
+    }
+
+    /// Begins with a vehicle that has been hovering where `observation` sees it: what holds it there (tilt, a wind's
+    /// steady push, the autopilot's integrator) is what the filter finds when it sees this pose again and again.
+    /// How far the start may be from that is as uncertain as before.
+    pub fn settle(&mut self, observation: &Observation) {
+        let command = self.commands[0];
+        let delay = self.mean.len() - 1;
+        for _ in 0..SETTLING_KNOTS {
+            self.predict(0, command);
+            self.correct(observation);
+        }
+        self.mean[delay] = 0.0;
+        for gust in &mut self.mean[delay - DISTURBANCES..delay] {
+            *gust = 0.0;
+        }
+        self.covariance.reset(&self.layout.initial);
+        self.correct(observation);
+    }
+
+    /// Writes z `whole` knots after `knot` into `state` (n), under the commands that have left, arriving `fraction` of
+    /// a knot later still; and what disturbances and gusts will add to the fresh entries from then on.
+    pub fn foresee(
+        &mut self,
+        knot: usize,
+        whole: usize,
+        fraction: f64,
+        state: &mut [f64],
+        steady: &mut [f64],
+        gust: &mut [f64],
+    ) {
+        state.copy_from_slice(self.state());
+        self.write_push(steady, gust);
+        for ahead in 0..whole {
+            let (newer, older) = (self.commands[whole - ahead - 1], self.commands[whole - ahead]);
+            let effective: [f64; 3] =
+                std::array::from_fn(|axis| (1.0 - fraction) * newer[axis] + fraction * older[axis]);
+            self.model.step(knot + ahead, state, &effective, &mut self.fresh);
+            for ((entry, steady), gust) in self.fresh.iter_mut().zip(&*steady).zip(&mut *gust) {
+                *entry += steady + *gust;
+                *gust *= self.layout.gust_decay;
+            }
+            let (n, fresh) = (state.len(), self.fresh.len());
+            state.copy_within(..n - fresh, fresh);
+            state[..fresh].copy_from_slice(&self.fresh);
+        }
     }
 
     /// Takes in the poses that were seen.

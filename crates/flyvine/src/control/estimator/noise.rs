@@ -1,6 +1,7 @@
 //! How uncertain measurements, models and the world are.
 
 use super::{DISTURBANCES, EstimatorError};
+use crate::model::{Model, ScheduledModel};
 use serde::{Deserialize, Serialize};
 
 /// One standard deviation per kind of entry.
@@ -31,8 +32,12 @@ pub struct NoiseLevels {
     /// What a step of the model misses: in the pose that it predicts (lag family), or as a share of the levels that
     /// the physical family's hidden states move by (1 is typical).
     pub process: BodyNoise,
-    /// How far the disturbances wander.
+    /// How far the steady disturbances wander.
     pub disturbance: BodyNoise,
+    /// How strong the gusts are.
+    pub gust: BodyNoise,
+    /// How long a gust lasts, s: its correlation time.
+    pub gust_s: f64,
     /// How far the delay wanders, knots.
     pub delay: f64,
     /// How uncertain the delay is at the start, knots.
@@ -57,6 +62,12 @@ impl NoiseLevels {
             attitude: 1e-4,
             end_effector_m: 1e-4,
         },
+        gust: BodyNoise {
+            quadrotor_m: 5e-4,
+            attitude: 1e-3,
+            end_effector_m: 1e-3,
+        },
+        gust_s: 1.0,
         delay: 2e-3,
         delay_initial: 0.3,
     };
@@ -74,24 +85,43 @@ impl NoiseLevels {
             end_effector_m: 1.0,
         },
         disturbance: BodyNoise {
-            quadrotor_m: 2e-3,
+            quadrotor_m: 2e-4,
             attitude: 1e-5,
-            end_effector_m: 5e-3,
+            end_effector_m: 5e-4,
         },
+        gust: BodyNoise {
+            quadrotor_m: 1e-2,
+            attitude: 1e-5,
+            end_effector_m: 2e-2,
+        },
+        gust_s: 1.0,
         delay: 2e-3,
         delay_initial: 0.3,
     };
+
+    /// The levels of the model's family.
+    pub fn typical(model: &ScheduledModel) -> Self {
+        match model.at_knot(0) {
+            Model::Lag(_) => Self::LAG,
+            Model::Physical(_) => Self::PHYSICAL,
+        }
+    }
 
     pub(super) fn validate(&self) -> Result<(), EstimatorError> {
         let bodies = [
             ("measured", self.measured),
             ("process", self.process),
             ("disturbance", self.disturbance),
+            ("gust", self.gust),
         ];
         let levels = bodies
             .into_iter()
             .flat_map(|(name, body)| body.entries().map(|level| (name, level)))
-            .chain([("delay", self.delay), ("delay_initial", self.delay_initial)]);
+            .chain([
+                ("gust_s", self.gust_s),
+                ("delay", self.delay),
+                ("delay_initial", self.delay_initial),
+            ]);
         for (name, found) in levels {
             // Not `<=`: NaN must fail.
             if !(found > 0.0 && found.is_finite()) {
@@ -102,7 +132,7 @@ impl NoiseLevels {
     }
 }
 
-/// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, τ.
+/// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, g, τ.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     /// (entry of the fresh state, disturbance, gain).
@@ -113,10 +143,12 @@ pub(super) struct Layout {
     pub process: Vec<f64>,
     /// Of the measured outputs.
     pub measured: [f64; DISTURBANCES],
+    /// What is left of a gust one knot later.
+    pub gust_decay: f64,
 }
 
-/// How uncertain the disturbances are at the start, in knots of their wandering.
-const DISTURBANCE_INITIAL_KNOTS: f64 = 5.0;
+/// How uncertain the steady disturbances are at the start, in knots of their wandering: a wind may blow already.
+const DISTURBANCE_INITIAL_KNOTS: f64 = 50.0;
 
 /// Standard deviations of the physical state's blocks: at the start, at rest, and what a knot adds; m, s, rad.
 const PHYSICAL: [(usize, f64, f64, usize); 13] = [
@@ -153,6 +185,7 @@ impl Layout {
             initial,
             process,
             measured: noise.measured.entries(),
+            gust_decay: noise.gust_decay(),
         }
     }
 
@@ -180,16 +213,26 @@ impl Layout {
             initial,
             process,
             measured: noise.measured.entries(),
+            gust_decay: noise.gust_decay(),
         }
     }
 }
 
 impl NoiseLevels {
-    /// Disturbances and delay, behind the state.
+    fn gust_decay(&self) -> f64 {
+        (-crate::DT / self.gust_s).exp()
+    }
+
+    /// Disturbances, gusts and delay, behind the state.
     fn append(&self, initial: &mut Vec<f64>, process: &mut Vec<f64>) {
         for level in self.disturbance.entries() {
             initial.push(level * DISTURBANCE_INITIAL_KNOTS);
             process.push(level);
+        }
+        for strength in self.gust.entries() {
+            initial.push(strength);
+            // What keeps g⁺ = ρ g + w at its strength.
+            process.push(strength * (1.0 - self.gust_decay().powi(2)).sqrt());
         }
         initial.push(self.delay_initial);
         process.push(self.delay);

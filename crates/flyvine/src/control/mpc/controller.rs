@@ -1,15 +1,17 @@
 //! The receding horizon as a [`Controller`]: estimate, compensate the delay, solve, command.
 
-use super::active_set::{Budget, QpReport, QpStatus};
+use super::active_set::{Budget, QpReport};
 use super::condensed::{CondensedError, TrackingWeights};
 use super::horizon::{Horizon, HorizonLimits, SoftBound, Start};
 use super::plan::LinearizedPlan;
 use crate::control::estimator::{Estimator, EstimatorError, NoiseLevels};
 use crate::control::supervisor::Room;
-use crate::control::{Controller, Proposal, StepReport, Tick, Trajectory};
-use crate::model::{Model, ScheduledModel};
+use crate::control::{Controller, Proposal, Tick, Trajectory};
+use crate::flight::{ControlStep, StepReport, StepStatus};
+use crate::model::ScheduledModel;
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// Settings of the controller.
@@ -139,13 +141,13 @@ pub struct ModelPredictive<'a> {
     horizon: Horizon,
     /// Time for one step's quadratic program, if it is limited.
     time_limit: Option<Duration>,
-    /// Budgets of the steps to come, if a recorded flight is to be repeated.
-    recorded_changes: Option<Vec<usize>>,
-    /// z at the knot from which on the next command acts (n), and a step's fresh entries.
+    /// Budgets of steps that were cut short in the recorded flight that is to be repeated.
+    recorded_changes: BTreeMap<usize, usize>,
+    /// z at the knot from which on the next command acts (n).
     state: Vec<f64>,
-    fresh: Vec<f64>,
-    /// What the disturbances add to them.
+    /// What steady disturbances and gusts add to a step's fresh entries.
     push: Vec<f64>,
+    gust: Vec<f64>,
     report: Option<StepReport>,
 }
 
@@ -169,10 +171,7 @@ impl<'a> ModelPredictive<'a> {
                 expected: trajectory.knots(),
             });
         }
-        let noise = options.noise.unwrap_or_else(|| match model.at_knot(0) {
-            Model::Lag(_) => NoiseLevels::LAG,
-            Model::Physical(_) => NoiseLevels::PHYSICAL,
-        });
+        let noise = options.noise.unwrap_or_else(|| NoiseLevels::typical(model));
         let start_command = trajectory.start().0;
         let estimator = Estimator::new(model, &noise, trajectory.state(0), start_command)?;
         let limits = limits(trajectory, room, options);
@@ -192,10 +191,10 @@ impl<'a> ModelPredictive<'a> {
             plan,
             estimator,
             time_limit: None,
-            recorded_changes: None,
+            recorded_changes: BTreeMap::new(),
             state: trajectory.state(0).to_vec(),
-            fresh: vec![0.0; fresh],
             push: vec![0.0; fresh],
+            gust: vec![0.0; fresh],
             report: None,
         })
     }
@@ -206,9 +205,12 @@ impl<'a> ModelPredictive<'a> {
         self
     }
 
-    /// Stops each step's quadratic program after the recorded number of changes, as its deadline did in flight.
-    pub fn with_recorded_changes(mut self, changes: Vec<usize>) -> Self {
-        self.recorded_changes = Some(changes);
+    /// Stops each quadratic program that was cut short in a recorded flight after as many changes as there.
+    pub fn with_recorded_steps(mut self, steps: &[ControlStep]) -> Self {
+        let cut_short = steps
+            .iter()
+            .filter(|step| step.report.status == StepStatus::BudgetSpent);
+        self.recorded_changes = cut_short.map(|step| (step.row, step.report.changes)).collect();
         self
     }
 
@@ -219,32 +221,8 @@ impl<'a> ModelPredictive<'a> {
 
     fn budget(&self, knot: usize) -> Budget {
         Budget {
-            changes: match &self.recorded_changes {
-                Some(recorded) => recorded.get(knot).copied().unwrap_or(usize::MAX),
-                None => usize::MAX,
-            },
+            changes: self.recorded_changes.get(&knot).copied().unwrap_or(usize::MAX),
             deadline: self.time_limit.map(|limit| Instant::now() + limit),
-        }
-    }
-
-    /// Moves the estimate to where the next command begins to act, `whole` knots on, under commands that have left.
-    fn foresee(&mut self, knot: usize, whole: usize, fraction: f64) {
-        self.state.copy_from_slice(self.estimator.state());
-        self.estimator.write_push(&mut self.push);
-        let sent = self.estimator.commands();
-        for ahead in 0..whole {
-            let (newer, older) = (sent[whole - ahead - 1], sent[whole - ahead]);
-            let effective: [f64; 3] =
-                std::array::from_fn(|axis| (1.0 - fraction) * newer[axis] + fraction * older[axis]);
-            self.plan
-                .model()
-                .step(knot + ahead, &self.state, &effective, &mut self.fresh);
-            for (entry, push) in self.fresh.iter_mut().zip(&self.push) {
-                *entry += push;
-            }
-            let (n, fresh) = (self.state.len(), self.fresh.len());
-            self.state.copy_within(..n - fresh, fresh);
-            self.state[..fresh].copy_from_slice(&self.fresh);
         }
     }
 }
@@ -252,16 +230,20 @@ impl<'a> ModelPredictive<'a> {
 impl Controller for ModelPredictive<'_> {
     fn propose(&mut self, tick: &Tick) -> Proposal {
         let budget = self.budget(tick.knot);
-        if tick.knot > 0 {
-            self.estimator.predict(tick.knot - 1, tick.held_command);
-        }
-        self.estimator.correct(&tick.observation);
+        self.estimator.update(tick);
         let (delay, delay_deviation) = self.estimator.delay_knots();
         let whole = delay.round();
-        self.foresee(tick.knot, whole as usize, delay - whole);
+        self.estimator.foresee(
+            tick.knot,
+            whole as usize,
+            delay - whole,
+            &mut self.state,
+            &mut self.push,
+            &mut self.gust,
+        );
         let mut command = tick.held_command;
         let mut solved = QpReport {
-            status: QpStatus::Optimal,
+            status: StepStatus::Optimal,
             changes: 0,
             active: 0,
             residual: 0.0,
@@ -272,6 +254,8 @@ impl Controller for ModelPredictive<'_> {
                 state: &self.state,
                 held_command: &tick.held_command,
                 disturbance: &self.push,
+                gust: &self.gust,
+                decay: self.estimator.gust_decay(),
                 delay: delay - whole,
             };
             solved = self.horizon.solve(&window, &start, budget);

@@ -60,8 +60,12 @@ pub struct Start<'a> {
     pub state: &'a [f64],
     /// The command that is held now (m).
     pub held_command: &'a [f64],
-    /// What the world adds to the fresh entries at every step.
+    /// What the world adds to the fresh entries at every step …
     pub disturbance: &'a [f64],
+    /// … and what it adds at the first one, of which a share `decay` is left at each further one.
+    pub gust: &'a [f64],
+    /// See there.
+    pub decay: f64,
     /// Fraction φ of a knot by which commands arrive late, −½ to ½: the model sees `(1 − φ) u_j + φ u_{j−1}`.
     pub delay: f64,
 }
@@ -212,6 +216,7 @@ impl Horizon {
             fresh,
         } = self.stage;
         self.states[..n].copy_from_slice(start.state);
+        let mut gust_left = 1.0;
         for j in 0..self.stages {
             let newer = &self.commands[j * m..][..m];
             let older = match j.checked_sub(1) {
@@ -225,9 +230,10 @@ impl Horizon {
             window
                 .dynamics
                 .step(window.knot + j, before, &self.effective, &mut after[..fresh]);
-            for (entry, disturbance) in after.iter_mut().zip(start.disturbance) {
-                *entry += disturbance;
+            for ((entry, disturbance), gust) in after.iter_mut().zip(start.disturbance).zip(start.gust) {
+                *entry += disturbance + gust_left * gust;
             }
+            gust_left *= start.decay;
             after[fresh..].copy_from_slice(&before[..n - fresh]);
         }
     }

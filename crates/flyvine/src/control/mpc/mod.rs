@@ -20,12 +20,14 @@ mod condensed;
 mod controller;
 mod horizon;
 mod plan;
+mod regulator;
 
-pub use active_set::{ActiveSet, Budget, QpReport, QpStatus, QuadraticProgram, Rows};
+pub use active_set::{ActiveSet, Budget, QpReport, QuadraticProgram, Rows};
 pub use condensed::{Condensed, CondensedError, Stage, TrackingWeights};
 pub use controller::{ModelPredictive, MpcError, MpcOptions};
 pub use horizon::{Horizon, HorizonLimits, SoftBound, Start, Window};
-pub use plan::LinearizedPlan;
+pub use plan::{LinearizedPlan, jacobians_along};
+pub use regulator::{Regulator, regulate};
 
 #[cfg(test)]
 mod tests;

@@ -2,6 +2,7 @@
 
 use super::condensed::{Condensed, CondensedError, Stage, TrackingWeights};
 use super::horizon::Window;
+use super::regulator::regulate;
 use crate::control::Trajectory;
 use crate::model::ScheduledModel;
 use crate::trajopt::Dynamics;
@@ -39,11 +40,7 @@ impl<'a> LinearizedPlan<'a> {
         stages: usize,
         bounded: &[usize],
     ) -> Result<Self, CondensedError> {
-        let stage = Stage {
-            state: model.state_len(),
-            command: model.command_len(),
-            fresh: model.fresh_len(),
-        };
+        let stage = Stage::of(model);
         let (knots, steps) = (trajectory.knots(), trajectory.knots() - 1);
         let mut jacobians = Vec::with_capacity(steps * stage.jacobian_len());
         let mut jacobian = vec![0.0; stage.fresh * (stage.state + stage.command)];
@@ -65,7 +62,7 @@ impl<'a> LinearizedPlan<'a> {
             let row = knot * stage.state;
             state_reference[row + 6..row + 9].copy_from_slice(tip);
         }
-        let cost_to_go = cost_to_go(&stage, &jacobians, weights);
+        let cost_to_go = regulate(&stage, &jacobians, weights).cost_to_go;
         let len = stage.jacobian_len();
         let condensed = (0..steps)
             .map(|knot| {
@@ -121,30 +118,23 @@ impl<'a> LinearizedPlan<'a> {
     }
 }
 
-/// P_k of the time-varying regulator, backwards from P = 0 behind the last knot:
-/// `P_k = Aᵀ S A − Aᵀ S B (R + Bᵀ S B)⁻¹ Bᵀ S A` with `S = Q + P_{k+1}`.
-fn cost_to_go(stage: &Stage, jacobians: &[f64], weights: &TrackingWeights) -> Vec<DMatrix<f64>> {
-    let n = stage.state;
-    let mut costs = vec![DMatrix::zeros(n, n)];
-    for jacobian in jacobians.rchunks_exact(stage.jacobian_len()) {
-        let (a, b) = stage.transition(jacobian);
-        let mut s = costs[costs.len() - 1].clone();
-        for i in 0..n {
-            s[(i, i)] += weights.state[i];
+/// The Jacobians of `model` along `trajectory`, padded, one after the other.
+pub fn jacobians_along(trajectory: &Trajectory, model: &dyn Dynamics) -> Vec<f64> {
+    let stage = Stage::of(model);
+    let steps = trajectory.knots() - 1;
+    let mut padded = Vec::with_capacity(steps * stage.jacobian_len());
+    let mut jacobian = vec![0.0; stage.fresh * (stage.state + stage.command)];
+    for knot in 0..steps {
+        model.jacobian(
+            knot,
+            trajectory.state(knot),
+            &trajectory.command(knot),
+            &mut jacobian,
+        );
+        for row in jacobian.chunks_exact(stage.state + stage.command) {
+            padded.extend_from_slice(row);
+            padded.resize(padded.len().next_multiple_of(stage.stride()), 0.0);
         }
-        let (sa, sb) = (&s * &a, &s * &b);
-        let mut command = b.transpose() * &sb;
-        for i in 0..stage.command {
-            command[(i, i)] += weights.command[i] + weights.command_change[i];
-        }
-        let cross = b.transpose() * &sa;
-        // Without a positive definite command block the condensed Hessian is refused, too.
-        let gain = command
-            .cholesky()
-            .map_or_else(|| DMatrix::zeros(stage.command, n), |f| f.solve(&cross));
-        let cost = a.transpose() * sa - cross.transpose() * gain;
-        costs.push(0.5 * (&cost + cost.transpose()));
     }
-    costs.reverse();
-    costs
+    padded
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::flight::StepStatus;
 use crate::model::physical::{ArmLength, Parameters, PhysicalModel};
 use crate::trajopt::Dynamics;
 use nalgebra::DMatrix;
@@ -67,7 +68,10 @@ impl Case {
                 std::array::from_fn(|axis| (1.0 - self.delay) * newer[axis] + self.delay * older(axis));
             let mut next = vec![0.0; self.stage.state];
             self.model.step(0, states.last().unwrap(), &command, &mut next);
-            next.iter_mut().zip(&self.disturbance).for_each(|(z, d)| *z += d);
+            let pushes = 1.0 + 0.9_f64.powi(j as i32);
+            next.iter_mut()
+                .zip(&self.disturbance)
+                .for_each(|(z, d)| *z += pushes * d);
             states.push(next);
         }
         states
@@ -152,11 +156,13 @@ fn one_step_is_a_newton_step(case: Case) {
         state: &case.state,
         held_command: &[0.0; 3],
         disturbance: &case.disturbance,
+        gust: &case.disturbance,
+        decay: 0.9,
         delay: case.delay,
     };
     horizon.start_from(&case.commands);
     let report = horizon.solve(&window, &start, Budget::NONE);
-    assert_eq!((report.status, report.active), (QpStatus::Optimal, 0));
+    assert_eq!((report.status, report.active), (StepStatus::Optimal, 0));
     assert!(report.residual < 1e-10);
     let step: Vec<f64> = horizon
         .commands()
@@ -281,6 +287,8 @@ fn hard_limits_hold_whatever_the_budget() {
             state: &case.state,
             held_command: &held,
             disturbance: &case.disturbance,
+            gust: &case.disturbance,
+            decay: 0.9,
             delay: case.delay,
         };
         for _ in 0..3 {
@@ -290,7 +298,7 @@ fn hard_limits_hold_whatever_the_budget() {
             };
             let report = horizon.solve(&window, &start, budget);
             assert_eq!(
-                report.status == QpStatus::Optimal,
+                report.status == StepStatus::Optimal,
                 changes > 3 || report.changes < changes
             );
             for (i, &command) in horizon.commands().iter().enumerate() {
