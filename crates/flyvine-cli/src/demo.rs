@@ -21,7 +21,7 @@ use crate::check::check_table;
 use crate::console::{centimetres, print, progress, say, table};
 use crate::fit::{FamilyChoice, say_outcome, write_json};
 use crate::fit_progress;
-use crate::fly::{ControllerChoice, fly_plan};
+use crate::fly::{Flying, fly_plan};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::run_folder::{experiment_folder, read_results, write_experiment, write_report};
 
@@ -230,7 +230,7 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
         let seed = seed.wrapping_add(2000 + index as u64);
         let outcome = fly_plan(
             plan,
-            ControllerChoice::OpenLoop,
+            &Flying::default(),
             Limits::default(),
             &mut vehicle,
             seed,

@@ -1,14 +1,19 @@
 //! `flyvine fly`: a plan on a vehicle.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
+use anyhow::Context;
 use clap::{Args, ValueEnum};
+use flyvine::control::mpc::{ModelPredictive, MpcOptions};
 use flyvine::control::supervisor::Limits;
-use flyvine::control::{End, FlightOutcome, OpenLoop, Tracking, Trajectory, fly};
-use flyvine::flight::write_flight;
-use flyvine::link::Vehicle;
+use flyvine::control::{
+    Controller, End, FlightOutcome, LapLearning, OpenLoop, Replanning, Tracking, Trajectory, fly,
+};
+use flyvine::flight::{ControlStep, StepStatus, read_control_steps, read_flight, write_controlled_flight};
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
+use flyvine::link::{RecordedVehicle, Vehicle};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
@@ -18,13 +23,15 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 
 /// Fly a plan on a vehicle and record the flight.
 ///
-/// VEHICLE is `sim` or `sim:vehicle.toml` (built in), or `exec:PROGRAM ARGS`: your own simulator or rig as a child
-/// process that speaks one JSON object per line on stdin/stdout (examples/vehicle.py is one). A supervisor owns every
+/// VEHICLE is `sim` or `sim:vehicle.toml` (built in), `exec:PROGRAM ARGS`: your own simulator or rig as a child
+/// process that speaks one JSON object per line on stdin/stdout (examples/vehicle.py is one), or `replay:FLIGHT`: a
+/// recording, on which a controller repeats its commands to the last bit. A supervisor owns every
 /// command: it refuses NaN, stale, frozen and jumping poses, and keeps quadrotor and tip inside the room. An aborted
 /// flight exits with code 3; its recording is kept.
 ///
 ///   flyvine fly plan.json --vehicle sim --out flight.mcap
-///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --out flight.csv
+///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --controller mpc --out flight.csv
+///   flyvine fly plan.json --vehicle replay:flight.csv --controller mpc --out again.csv
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct FlyArguments {
@@ -37,6 +44,16 @@ pub struct FlyArguments {
     /// The control law.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
+    /// Settings of `--controller mpc` (TOML); what is left out takes its default.
+    #[arg(long, value_name = "OPTIONS.toml")]
+    mpc_options: Option<PathBuf>,
+    /// Time for one step of a controller that optimizes, ms; it then answers with the best it has. Without it, every
+    /// step is solved to the end.
+    #[arg(long, value_name = "MS", value_parser = parse_positive)]
+    step_limit_ms: Option<f64>,
+    /// Fly this often, learning from lap to lap, each lap with the next seed; the best lap is written.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    laps: u32,
     /// Where to write the recording: .mcap (opens in Foxglove, Rerun and PlotJuggler) or .csv.
     #[arg(long, value_name = "FLIGHT")]
     out: PathBuf,
@@ -46,12 +63,32 @@ pub struct FlyArguments {
 }
 
 /// The control laws that can be flown.
-#[derive(Clone, Copy, ValueEnum)]
+#[derive(Clone, Copy, Default, ValueEnum)]
 pub enum ControllerChoice {
     /// The plan's commands as they are.
+    #[default]
     OpenLoop,
-    /// The plan's commands, corrected by its time-varying feedback gains.
+    /// The plan's commands, corrected by a time-varying regulator behind an estimator.
     Tracking,
+    /// Model-predictive control along the plan, behind an estimator of disturbances and delay.
+    Mpc,
+    /// The rest of the task planned again at every knot, for swings.
+    Replan,
+}
+
+/// How a plan is flown.
+#[derive(Default)]
+pub struct Flying {
+    /// The control law.
+    pub controller: ControllerChoice,
+    /// Settings of model-predictive control.
+    pub mpc: MpcOptions,
+    /// Time for one step of a controller that optimizes.
+    pub step_limit: Option<Duration>,
+    /// Reports of the recorded flight that is to be repeated.
+    pub recorded: Vec<ControlStep>,
+    /// Where the tip shall be, if not on the plan's own reference (m, per knot).
+    pub reference: Option<Vec<[f64; 3]>>,
 }
 
 /// Runs `flyvine fly`.
@@ -63,39 +100,69 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
             arguments.out.display()
         ));
     }
-    let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
-    let bar = progress(plan.knots() as u64, "flying");
-    let outcome = fly_plan(
-        &plan,
-        arguments.controller,
-        limits,
-        vehicle.as_mut(),
-        arguments.seed,
-        &mut |knot, _| {
+    if arguments.laps > 1 && !matches!(arguments.controller, ControllerChoice::Mpc) {
+        return bad_input("--laps: only `--controller mpc` learns from lap to lap".to_owned());
+    }
+    let mut flying = Flying {
+        controller: arguments.controller,
+        mpc: match &arguments.mpc_options {
+            Some(path) => read_mpc_options(path)?,
+            None => MpcOptions::default(),
+        },
+        step_limit: arguments
+            .step_limit_ms
+            .map(|ms| Duration::from_secs_f64(1e-3 * ms)),
+        recorded: match arguments.vehicle.split_once(':') {
+            Some(("replay", path)) => read_control_steps(Path::new(path)).or_input()?,
+            _ => Vec::new(),
+        },
+        reference: None,
+    };
+    let mut learning = LapLearning::new(plan.reference.clone());
+    let mut best: Option<(f64, FlightOutcome)> = None;
+    for lap in 0..u64::from(arguments.laps) {
+        flying.reference = Some(learning.reference().to_vec());
+        let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
+        let bar = progress(plan.knots() as u64, "flying");
+        let seed = arguments.seed.wrapping_add(lap);
+        let outcome = fly_plan(&plan, &flying, limits, vehicle.as_mut(), seed, &mut |knot, _| {
             bar.set_position(knot as u64);
             ControlFlow::Continue(())
-        },
-    );
-    bar.finish_and_clear();
-    let outcome = outcome?;
-    write_flight(&arguments.out, &outcome.flight).or_internal()?;
+        });
+        bar.finish_and_clear();
+        let outcome = outcome?;
+        if let Err(error) = vehicle.close() {
+            say(&format!(
+                "warning: the vehicle did not end in good order: {error}"
+            ));
+        }
+        for event in &outcome.events {
+            say(&event.to_string());
+        }
+        say_steps(&outcome.steps);
+        let error_m = learning.learn(&outcome.flight);
+        if let (true, Some(error_m)) = (arguments.laps > 1, error_m) {
+            say(&format!("lap {}: {} cm", lap + 1, centimetres_fine(error_m)));
+        }
+        let aborted = matches!(outcome.end, End::Aborted { .. });
+        let error_m = error_m.unwrap_or(f64::INFINITY);
+        if aborted || best.as_ref().is_none_or(|(best_m, _)| error_m < *best_m) {
+            best = Some((error_m, outcome));
+        }
+        if aborted {
+            break;
+        }
+    }
+    let (_, outcome) = best.expect("at least one lap");
+    write_controlled_flight(&arguments.out, &outcome.flight, &outcome.steps).or_internal()?;
     say(&format!(
         "wrote {} ({} rows)",
         arguments.out.display(),
         outcome.flight.samples.len()
     ));
-    for event in &outcome.events {
-        say(&event.to_string());
-    }
-    let closed = vehicle.close();
     if let End::Aborted { t_s, cause } = &outcome.end {
         say(&format!("flight aborted at {t_s:.2} s: {cause}"));
         return Ok(Outcome::Untrusted);
-    }
-    if let Err(error) = closed {
-        say(&format!(
-            "warning: the vehicle did not end in good order: {error}"
-        ));
     }
     Ok(Outcome::Done)
 }
@@ -103,7 +170,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
 /// Flies a plan with its task's command bounds.
 pub fn fly_plan(
     plan: &Plan,
-    controller: ControllerChoice,
+    flying: &Flying,
     limits: Limits,
     vehicle: &mut dyn Vehicle,
     seed: u64,
@@ -119,24 +186,76 @@ pub fn fly_plan(
         bounds.upper,
     )
     .or_input()?;
-    let mut outcome = match controller {
-        ControllerChoice::OpenLoop => fly(
-            &trajectory,
-            &mut OpenLoop::new(&trajectory),
-            limits,
-            vehicle,
-            seed,
-            progress,
-        )
-        .or_input(),
-        ControllerChoice::Tracking => {
-            let model = plan.bank.scheduled(&plan.configurations).or_input()?;
-            let mut tracking = Tracking::new(&trajectory, &model).or_input()?;
-            fly(&trajectory, &mut tracking, limits, vehicle, seed, progress).or_input()
+    let model = plan.bank.scheduled(&plan.configurations).or_input()?;
+    let mut controller: Box<dyn Controller> = match flying.controller {
+        ControllerChoice::OpenLoop => Box::new(OpenLoop::new(&trajectory)),
+        ControllerChoice::Tracking => Box::new(Tracking::new(&trajectory, &model).or_input()?),
+        ControllerChoice::Mpc => {
+            let reference = flying.reference.as_ref().unwrap_or(&plan.reference);
+            let mut mpc =
+                ModelPredictive::new(&trajectory, &model, reference, &limits.room, &flying.mpc).or_input()?;
+            if let Some(limit) = flying.step_limit {
+                mpc = mpc.with_time_limit(limit);
+            }
+            Box::new(mpc.with_recorded_steps(&flying.recorded))
         }
-    }?;
+        ControllerChoice::Replan => {
+            let problem = plan.problem().or_input()?;
+            let mut replanning = Replanning::new(&trajectory, &model, problem).or_input()?;
+            if let Some(limit) = flying.step_limit {
+                replanning = replanning.with_time_limit(limit);
+            }
+            Box::new(replanning)
+        }
+    };
+    let mut outcome = fly(&trajectory, controller.as_mut(), limits, vehicle, seed, progress).or_input()?;
     outcome.flight.name.clone_from(&plan.task.name);
     Ok(outcome)
+}
+
+/// Says times and outcomes of a controller that optimizes; nothing for others.
+fn say_steps(steps: &[ControlStep]) {
+    let reports: Vec<_> = steps.iter().map(|step| step.report).collect();
+    let Some(last) = reports.last() else {
+        return;
+    };
+    let mut times: Vec<f64> = steps.iter().map(|step| step.step_ms).collect();
+    times.sort_by(f64::total_cmp);
+    let unsolved = reports
+        .iter()
+        .filter(|report| report.status != StepStatus::Optimal)
+        .count();
+    let residual = reports.iter().map(|report| report.residual).fold(0.0, f64::max);
+    say(&format!(
+        "{} steps: median {:.3} ms, slowest {:.3} ms; {unsolved} not solved to the end, largest residual {residual:.1e}; \
+         commands arrive {:.2} ± {:.2} knots later than the model knows",
+        reports.len(),
+        times[times.len() / 2],
+        times[times.len() - 1],
+        last.delay_knots,
+        last.delay_deviation_knots
+    ));
+}
+
+/// A length in metres as centimetres, to a tenth of a millimetre.
+fn centimetres_fine(metres: f64) -> String {
+    format!("{:.2}", 100.0 * metres)
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err(format!("found `{text}`, expected a positive number")),
+    }
+}
+
+fn read_mpc_options(path: &Path) -> Result<MpcOptions, Failure> {
+    let text = std::fs::read_to_string(path)
+        .with_context(|| path.display().to_string())
+        .or_input()?;
+    toml::from_str(&text)
+        .with_context(|| path.display().to_string())
+        .or_input()
 }
 
 /// A vehicle, and the limits within which it may be flown.
@@ -170,9 +289,13 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
                 Limits::default(),
             )
         }
+        Some(("replay", path)) => (
+            Box::new(RecordedVehicle::new(read_flight(Path::new(path)).or_input()?)),
+            Limits::default(),
+        ),
         _ => {
             return bad_input(format!(
-                "--vehicle {name}: expected `sim`, `sim:vehicle.toml` or `exec:PROGRAM ARGS`"
+                "--vehicle {name}: expected `sim`, `sim:vehicle.toml`, `exec:PROGRAM ARGS` or `replay:FLIGHT`"
             ));
         }
     };

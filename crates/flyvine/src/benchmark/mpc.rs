@@ -168,6 +168,9 @@ pub fn mpc_report(sequence: &MpcSequence, cpu_ms: &dyn Fn() -> f64) -> Result<Mp
             state,
             held_command: &no_command,
             disturbance: &no_disturbance,
+            gust: &no_disturbance,
+            decay: 0.0,
+            delay: 0.0,
         };
         let started = cpu_ms();
         let solved = horizon.solve(&window, &start, Budget::NONE);

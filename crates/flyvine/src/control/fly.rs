@@ -1,11 +1,12 @@
 //! One flight of a trajectory on a vehicle in lockstep.
 
 use std::ops::ControlFlow;
+use std::time::Instant;
 
 use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, Supervisor, SupervisorError};
 use super::{Controller, Proposal, Tick, Trajectory};
 use crate::DT;
-use crate::flight::{Flight, Sample};
+use crate::flight::{ControlStep, Flight, Sample};
 use crate::link::{Vehicle, VehicleError};
 
 /// What became of a flight. The recording is there whatever the end.
@@ -17,6 +18,8 @@ pub struct FlightOutcome {
     pub flight: Flight,
     /// How it ended.
     pub end: End,
+    /// What the controller reported of its steps, in order.
+    pub steps: Vec<ControlStep>,
     /// What the supervisor had to say, in order.
     pub events: Vec<Event>,
     /// Error of the vehicle while the position was held after an abort.
@@ -72,6 +75,7 @@ pub fn fly(
         },
     )?;
     let mut samples = Vec::with_capacity(trajectory.knots());
+    let mut steps = Vec::with_capacity(trajectory.knots());
     let mut vehicle_error = None;
     let last_knot = trajectory.knots() - 1;
 
@@ -95,11 +99,19 @@ pub fn fly(
         let held_command = supervisor.setpoint();
         let credible = supervisor.observe(t_s, &observation, configuration);
         let proposal = if supervisor.reason().is_none() && row < last_knot {
-            controller.propose(&Tick {
+            let started = Instant::now();
+            let proposal = controller.propose(&Tick {
                 knot: row,
                 observation: credible,
                 held_command,
-            })
+            });
+            let step_ms = 1e3 * started.elapsed().as_secs_f64();
+            steps.extend(
+                controller
+                    .report()
+                    .map(|report| ControlStep { row, step_ms, report }),
+            );
+            proposal
         } else {
             Proposal::Command(held_command)
         };
@@ -153,6 +165,7 @@ pub fn fly(
     Ok(FlightOutcome {
         flight,
         end,
+        steps,
         events,
         hold_error,
     })

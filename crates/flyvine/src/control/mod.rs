@@ -8,18 +8,24 @@
 //!
 //! A [`Controller`] only proposes; what reaches the vehicle is what the [`supervisor`] lets through.
 
+pub mod estimator;
 mod fly;
+mod learning;
 pub mod mpc;
 mod open_loop;
+mod replanning;
 pub mod supervisor;
 mod tracking;
 mod trajectory;
 
 pub use fly::{AbortCause, End, FlightOutcome, fly};
+pub use learning::{Lap, LapLearning};
 pub use open_loop::OpenLoop;
-pub use tracking::{Tracking, TrackingError};
+pub use replanning::{Replanning, ReplanningError};
+pub use tracking::Tracking;
 pub use trajectory::{Trajectory, TrajectoryError};
 
+use crate::flight::StepReport;
 use crate::link::Observation;
 
 /// What a controller is told before it proposes a command.
@@ -45,8 +51,14 @@ pub enum Proposal {
     Failed,
 }
 
-/// A control law on a plan.
+/// A control law on a plan: the slot for your own. [`fly()`] calls it in flight as in simulation, and the supervisor
+/// stands between it and the vehicle.
 pub trait Controller {
     /// Proposes the command u_k; called once for each knot that has one, in order from 0.
     fn propose(&mut self, tick: &Tick) -> Proposal;
+
+    /// What there is to say about the last proposal, for the record.
+    fn report(&self) -> Option<StepReport> {
+        None
+    }
 }

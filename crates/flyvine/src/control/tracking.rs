@@ -1,116 +1,78 @@
-//! Feedback on the plan's time-varying gains.
+//! Feedback on the gains of a time-varying regulator along the plan.
 
-use super::trajectory::POSE_STATE_LEN;
+use super::estimator::{Estimator, EstimatorError, NoiseLevels};
+use super::mpc::{Stage, TrackingWeights, jacobians_along, regulate};
 use super::{Controller, Proposal, Tick, Trajectory};
-use crate::flight::Pose;
+use crate::model::ScheduledModel;
 use crate::trajopt::Dynamics;
+use nalgebra::DMatrix;
 
-/// u_k = clip(u*_k + K_k (z_k − z*_k)), with the gains K_k that the planner's backward pass left.
-///
-/// z_k is made of the poses at t_k, t_{k−1}, …; where one is missing, the model's one-step prediction from
-/// the previous z and the command that was really held takes its place.
+/// Weights of the regulator. A plan's own gains answer to weights under which a command costs as little as a pose is
+/// worth: on a real vehicle, which the model does not match in its fast motions, they oscillate.
+const END_EFFECTOR_WEIGHT: f64 = 20.0;
+const POSE_WEIGHT: f64 = 1.0;
+const COMMAND_WEIGHT: f64 = 20.0;
+
+/// u_k = clip(u*_k + K_k (ẑ_k − z*_k)), with ẑ_k from the estimator, at the knot where the command begins to act.
+#[derive(Debug, Clone)]
 pub struct Tracking<'a> {
     trajectory: &'a Trajectory,
-    model: &'a dyn Dynamics,
-    /// z_k, newest first (n).
+    estimator: Estimator<'a>,
+    gains: Vec<DMatrix<f64>>,
+    /// ẑ (n), and what the world adds to a step's fresh entries.
     state: Vec<f64>,
-}
-
-/// A trajectory or model that cannot be tracked.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum TrackingError {
-    /// The trajectory has no gains.
-    #[error("the trajectory has no feedback gains; expected one for each of its {commands} commands")]
-    NoGains {
-        /// Number of commands.
-        commands: usize,
-    },
-    /// The model does not belong to the trajectory, or its state is not made of lagged poses.
-    #[error(
-        "the model's state has {found} entries, {fresh} of them new at each step; expected {expected} \
-         (the trajectory's), a multiple of 9, and 9 new ones"
-    )]
-    State {
-        /// State length of the model.
-        found: usize,
-        /// Fresh entries of the model.
-        fresh: usize,
-        /// State length of the trajectory.
-        expected: usize,
-    },
-    /// The model's command is not a position.
-    #[error("the model's command has {found} entries; expected 3")]
-    Command {
-        /// Command length of the model.
-        found: usize,
-    },
+    steady: Vec<f64>,
+    gust: Vec<f64>,
 }
 
 impl<'a> Tracking<'a> {
-    /// Tracks `trajectory` with its gains; `model` is the one that it was planned on.
-    pub fn new(trajectory: &'a Trajectory, model: &'a dyn Dynamics) -> Result<Self, TrackingError> {
-        if trajectory.gain(0).is_none() {
-            return Err(TrackingError::NoGains {
-                commands: trajectory.knots() - 1,
-            });
-        }
-        let (found, fresh, expected) = (model.state_len(), model.fresh_len(), trajectory.state_len());
-        if found != expected || fresh != POSE_STATE_LEN || found % POSE_STATE_LEN != 0 {
-            return Err(TrackingError::State {
-                found,
-                fresh,
-                expected,
-            });
-        }
-        if model.command_len() != 3 {
-            return Err(TrackingError::Command {
-                found: model.command_len(),
-            });
-        }
+    /// Tracks `trajectory`; `model` is the one that it was planned on.
+    ///
+    /// # Errors
+    /// The model is not the trajectory's, or does not take a position for its command.
+    pub fn new(trajectory: &'a Trajectory, model: &'a ScheduledModel) -> Result<Self, EstimatorError> {
+        let noise = NoiseLevels::typical(model);
+        let estimator = Estimator::new(model, &noise, trajectory.state(0), trajectory.start().0)?;
+        let mut state = vec![0.0; model.state_len()];
+        state[..6].fill(POSE_WEIGHT);
+        state[6..9].fill(END_EFFECTOR_WEIGHT);
+        let weights = TrackingWeights {
+            state,
+            command: vec![COMMAND_WEIGHT; 3],
+            command_change: vec![0.0; 3],
+        };
+        let regulator = regulate(&Stage::of(model), &jacobians_along(trajectory, model), &weights);
         Ok(Self {
             trajectory,
-            model,
+            estimator,
+            gains: regulator.gains,
             state: trajectory.state(0).to_vec(),
+            steady: vec![0.0; model.fresh_len()],
+            gust: vec![0.0; model.fresh_len()],
         })
-    }
-
-    /// Moves z on to t_k: prediction first, then whatever was seen.
-    fn update(&mut self, tick: &Tick) {
-        let mut newest = [0.0; POSE_STATE_LEN];
-        if tick.knot == 0 {
-            // The plan starts from rest: its lags are the history.
-            newest.copy_from_slice(&self.trajectory.state(0)[..POSE_STATE_LEN]);
-            self.state.copy_from_slice(self.trajectory.state(0));
-        } else {
-            self.model
-                .step(tick.knot - 1, &self.state, &tick.held_command, &mut newest);
-            let kept = self.state.len() - POSE_STATE_LEN;
-            self.state.copy_within(..kept, POSE_STATE_LEN);
-        }
-        if let Some(Pose { position, attitude }) = tick.observation.quadrotor {
-            newest[..3].copy_from_slice(&position);
-            newest[3..6].copy_from_slice(&attitude[1..]);
-        }
-        if let Some(position) = tick.observation.end_effector {
-            newest[6..].copy_from_slice(&position);
-        }
-        self.state[..POSE_STATE_LEN].copy_from_slice(&newest);
     }
 }
 
 impl Controller for Tracking<'_> {
     fn propose(&mut self, tick: &Tick) -> Proposal {
-        self.update(tick);
-        let Some(gain) = self.trajectory.gain(tick.knot) else {
-            return Proposal::Failed;
-        };
-        let planned = self.trajectory.state(tick.knot);
-        let n = planned.len();
-        let mut command = self.trajectory.command(tick.knot);
-        for axis in 0..3 {
-            for i in 0..n {
-                command[axis] += gain[axis * n + i] * (self.state[i] - planned[i]);
-            }
+        self.estimator.update(tick);
+        let delay = self.estimator.delay_knots().0;
+        let whole = delay.round();
+        self.estimator.foresee(
+            tick.knot,
+            whole as usize,
+            delay - whole,
+            &mut self.state,
+            &mut self.steady,
+            &mut self.gust,
+        );
+        // Commands that would act after the plan's end no longer matter.
+        let knot = (tick.knot + whole as usize).min(self.gains.len() - 1);
+        let planned = self.trajectory.state(knot);
+        let mut command = self.trajectory.command(knot);
+        for (entry, gains) in command.iter_mut().zip(self.gains[knot].row_iter()) {
+            let errors = self.state.iter().zip(planned).map(|(z, planned)| z - planned);
+            *entry += gains.iter().zip(errors).map(|(k, e)| k * e).sum::<f64>();
         }
         Proposal::Command(self.trajectory.clip(command))
     }

@@ -179,6 +179,11 @@ impl Trajectory {
         ([state[0], state[1], state[2]], [state[6], state[7], state[8]])
     }
 
+    /// Lower and upper bounds of the command, m.
+    pub fn command_bounds(&self) -> ([f64; 3], [f64; 3]) {
+        (self.command_lower, self.command_upper)
+    }
+
     /// `command` within the plan's bounds; NaN stays NaN.
     pub fn clip(&self, command: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|axis| command[axis].clamp(self.command_lower[axis], self.command_upper[axis]))

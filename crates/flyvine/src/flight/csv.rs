@@ -11,6 +11,7 @@ use std::fmt::Write;
 use std::io::Read;
 
 use super::continuity::check_rate;
+use super::control_step::{ControlStep, STEP_COLUMNS, StepRow};
 use super::error::{FlightError, Problem};
 use super::table::{Column, Row, Table};
 use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
@@ -49,7 +50,7 @@ pub fn parse_csv(name: &str, input: impl Read) -> Result<Flight, FlightError> {
 }
 
 /// The flight as CSV text. Rust prints the shortest decimal that reads back as the same number.
-pub(super) fn format_csv(file: &str, flight: &Flight) -> Result<String, FlightError> {
+pub(super) fn format_csv(file: &str, flight: &Flight, steps: &[ControlStep]) -> Result<String, FlightError> {
     let has_velocity = flight
         .samples
         .iter()
@@ -62,6 +63,10 @@ pub(super) fn format_csv(file: &str, flight: &Flight) -> Result<String, FlightEr
     if has_velocity {
         names.extend(COMMAND_VELOCITY);
     }
+    if !steps.is_empty() {
+        names.extend(STEP_COLUMNS);
+    }
+    let mut steps_left = steps.iter().peekable();
     let mut text = names.join(",") + "\n";
     for (index, sample) in flight.samples.iter().enumerate() {
         let Configuration {
@@ -92,9 +97,43 @@ pub(super) fn format_csv(file: &str, flight: &Flight) -> Result<String, FlightEr
             }
             write!(text, "{found}").expect("writing to a string cannot fail");
         }
+        if !steps.is_empty() {
+            let cells = match steps_left.next_if(|step| step.row == index) {
+                Some(step) => StepRow::new(step).cells(),
+                None => Default::default(),
+            };
+            for cell in cells {
+                text.push(',');
+                text.push_str(&cell);
+            }
+        }
         text.push('\n');
     }
     Ok(text)
+}
+
+/// The controller's steps in a flight's CSV file, of the rows that have one.
+pub(super) fn parse_steps(file: &str, bytes: &[u8]) -> Result<Vec<ControlStep>, FlightError> {
+    let not_a_step = |line: u64, error: ::csv::Error| {
+        FlightError::in_line(file, line, Problem::NotAMessage(error.to_string())).field("step_…")
+    };
+    let mut reader = ::csv::Reader::from_reader(bytes);
+    let headers = reader.headers().map_err(|error| not_a_step(1, error))?.clone();
+    let Some(column) = headers.iter().position(|name| name == STEP_COLUMNS[0]) else {
+        return Ok(Vec::new());
+    };
+    let mut steps = Vec::new();
+    for (row, record) in reader.records().enumerate() {
+        let line = row as u64 + 2;
+        let record = record.map_err(|error| not_a_step(line, error))?;
+        if record.get(column).is_some_and(|cell| !cell.is_empty()) {
+            let step: StepRow = record
+                .deserialize(Some(&headers))
+                .map_err(|error| not_a_step(line, error))?;
+            steps.push(step.step(row));
+        }
+    }
+    Ok(steps)
 }
 
 fn optional(vector: Option<[f64; 3]>) -> [Option<f64>; 3] {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::error::FlightError;
-use super::{Flight, csv, mcap};
+use super::{ControlStep, Flight, csv, mcap};
 
 /// Reads a flight from a CSV or MCAP file. Its name is the file's, without the extension.
 ///
@@ -45,13 +45,38 @@ pub fn recover_flight(path: &Path) -> Result<Flight, FlightError> {
 /// # Errors
 /// A value that is not finite; the file cannot be written.
 pub fn write_flight(path: &Path, flight: &Flight) -> Result<(), FlightError> {
+    write_controlled_flight(path, flight, &[])
+}
+
+/// Writes a flight and what its controller reported of its steps, as [`write_flight`].
+///
+/// # Errors
+/// As [`write_flight`].
+pub fn write_controlled_flight(
+    path: &Path,
+    flight: &Flight,
+    steps: &[ControlStep],
+) -> Result<(), FlightError> {
     let shown = path.display().to_string();
     let bytes = if is_mcap(path) {
-        mcap::format_mcap(&shown, flight)?
+        mcap::format_mcap(&shown, flight, steps)?
     } else {
-        csv::format_csv(&shown, flight)?.into_bytes()
+        csv::format_csv(&shown, flight, steps)?.into_bytes()
     };
     crate::file::write_whole(path, &bytes).map_err(|e| FlightError::in_file(&shown, e.into()))
+}
+
+/// Reads what a flight's controller reported of its steps; none where it reported nothing.
+///
+/// # Errors
+/// The file cannot be read, or a report in it is not one.
+pub fn read_control_steps(path: &Path) -> Result<Vec<ControlStep>, FlightError> {
+    let (shown, bytes) = read(path)?;
+    if is_mcap(path) {
+        mcap::parse_steps(&shown, &bytes)
+    } else {
+        csv::parse_steps(&shown, &bytes)
+    }
 }
 
 /// A flight's name: its file's, without folder and extension.

@@ -7,6 +7,7 @@
 //! | `/command_velocity` | `foxglove.Vector3` | rows that have one |
 //! | `/quadrotor` | `foxglove.PoseInFrame` | rows with a pose |
 //! | `/end_effector` | `foxglove.PoseInFrame` | rows with a pose |
+//! | `/controller` | `flyvine.ControlStep` | rows of which a controller reported |
 //!
 //! Each message's sequence number is its row. Chunks are small and not compressed, so a file that was cut off
 //! loses its last seconds only.
@@ -19,6 +20,7 @@ use ::mcap::{McapError, MessageStream, WriteOptions, Writer, read::Options};
 use serde::{Deserialize, Serialize};
 
 use super::continuity::check_rate;
+use super::control_step::{ControlStep, StepRow};
 use super::error::{FlightError, Problem};
 use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
 
@@ -27,6 +29,7 @@ const COMMAND: &str = "/command";
 const COMMAND_VELOCITY: &str = "/command_velocity";
 const QUADROTOR: &str = "/quadrotor";
 const END_EFFECTOR: &str = "/end_effector";
+const CONTROLLER: &str = "/controller";
 
 /// Some five seconds of flight.
 const CHUNK_BYTES: u64 = 64 * 1024;
@@ -34,6 +37,10 @@ const CHUNK_BYTES: u64 = 64 * 1024;
 const CONFIGURATION_SCHEMA: (&str, &str) = (
     "flyvine.Configuration",
     r#"{"type":"object","properties":{"t_s":{"type":"number"},"length_m":{"type":"number"},"pressure_kpa":{"type":"number"}}}"#,
+);
+const CONTROLLER_SCHEMA: (&str, &str) = (
+    "flyvine.ControlStep",
+    r#"{"type":"object","properties":{"step_ms":{"type":"number"},"step_status":{"type":"string"},"step_changes":{"type":"integer"},"step_active":{"type":"integer"},"step_residual":{"type":"number"},"step_delay_knots":{"type":"number"},"step_delay_deviation_knots":{"type":"number"}}}"#,
 );
 const VECTOR_SCHEMA: (&str, &str) = (
     "foxglove.Vector3",
@@ -96,14 +103,18 @@ struct Timestamp {
 }
 
 /// The flight as an MCAP file's bytes. `file` is what error messages call it.
-pub(super) fn format_mcap(file: &str, flight: &Flight) -> Result<Vec<u8>, FlightError> {
-    let encoded = encode(flight).map_err(|error| FlightError::in_file(file, mcap_problem(error)))?;
+pub(super) fn format_mcap(
+    file: &str,
+    flight: &Flight,
+    steps: &[ControlStep],
+) -> Result<Vec<u8>, FlightError> {
+    let encoded = encode(flight, steps).map_err(|error| FlightError::in_file(file, mcap_problem(error)))?;
     // JSON has no NaN: such a number became `null`. What cannot be read again is not written.
     parse_mcap(file, &encoded)?;
     Ok(encoded)
 }
 
-fn encode(flight: &Flight) -> Result<Vec<u8>, McapError> {
+fn encode(flight: &Flight, steps: &[ControlStep]) -> Result<Vec<u8>, McapError> {
     let options = WriteOptions::new()
         .compression(None)
         .chunk_size(Some(CHUNK_BYTES))
@@ -119,6 +130,11 @@ fn encode(flight: &Flight) -> Result<Vec<u8>, McapError> {
     let command_velocity = channel(COMMAND_VELOCITY, VECTOR_SCHEMA)?;
     let quadrotor = channel(QUADROTOR, POSE_SCHEMA)?;
     let end_effector = channel(END_EFFECTOR, POSE_SCHEMA)?;
+    let controller = match steps {
+        [] => None,
+        _ => Some(channel(CONTROLLER, CONTROLLER_SCHEMA)?),
+    };
+    let mut steps_left = steps.iter().peekable();
     let mut row_writer = RowWriter {
         writer: &mut writer,
         row: 0,
@@ -146,6 +162,10 @@ fn encode(flight: &Flight) -> Result<Vec<u8>, McapError> {
         }
         if let Some(position) = sample.end_effector {
             row_writer.write_pose(end_effector, position, UPRIGHT)?;
+        }
+        let row = row_writer.row as usize;
+        if let (Some(controller), Some(step)) = (controller, steps_left.next_if(|step| step.row == row)) {
+            row_writer.write(controller, &StepRow::new(step))?;
         }
         row_writer.row += 1;
     }
@@ -218,6 +238,23 @@ pub(super) fn parse_mcap(file: &str, bytes: &[u8]) -> Result<Flight, FlightError
         }
         Some(error) => Err(FlightError::in_file(file, mcap_problem(error))),
     }
+}
+
+/// The controller's steps in a flight's MCAP file.
+pub(super) fn parse_steps(file: &str, bytes: &[u8]) -> Result<Vec<ControlStep>, FlightError> {
+    let fail = |error| FlightError::in_file(file, mcap_problem(error));
+    let mut steps = Vec::new();
+    for message in MessageStream::new(bytes).map_err(fail)? {
+        let message = message.map_err(fail)?;
+        if message.channel.topic == CONTROLLER {
+            let step: StepRow = serde_json::from_slice(&message.data).map_err(|error| {
+                FlightError::in_file(file, Problem::NotAMessage(error.to_string()))
+                    .field(&place(CONTROLLER, message.sequence))
+            })?;
+            steps.push(step.step(message.sequence as usize));
+        }
+    }
+    Ok(steps)
 }
 
 /// The whole rows in front of the first damage.

@@ -5,6 +5,7 @@
 //! [`Flight::segments`] and [`Flight::valid_transitions`] say which rows may be used together.
 
 mod continuity;
+mod control_step;
 mod corner;
 mod csv;
 mod error;
@@ -20,10 +21,13 @@ pub(crate) mod shared_data;
 mod table;
 
 pub use self::continuity::CLOCK_TOLERANCE_S;
+pub use self::control_step::{ControlStep, StepReport, StepStatus};
 pub use self::corner::Corner;
 pub use self::csv::parse_csv;
 pub use self::error::{FlightError, Place, Problem};
-pub use self::files::{read_flight, recover_flight, write_flight};
+pub use self::files::{
+    read_control_steps, read_flight, recover_flight, write_controlled_flight, write_flight,
+};
 pub use self::hygiene::{Body, Fault, Finding, HygieneOptions, HygieneReport, clean};
 pub use self::mapping::Mapping;
 pub use self::resample::{Reading, Recording, RecordingRow, resample};

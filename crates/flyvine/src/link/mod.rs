@@ -1,6 +1,9 @@
 //! What a plan is flown on: the [`Vehicle`] interface, and vehicles outside this process.
 
 pub mod exec;
+mod recorded;
+
+pub use recorded::RecordedVehicle;
 
 use crate::flight::{Configuration, Pose};
 
@@ -38,6 +41,12 @@ pub enum VehicleError {
     Refused {
         /// What was found, and what was expected.
         what: String,
+    },
+    /// A recording has no more rows.
+    #[error("the recording ends after {rows} rows")]
+    RecordingEnded {
+        /// Its rows.
+        rows: usize,
     },
     /// The simulation left the finite numbers.
     #[error("the simulated vehicle diverged at t = {t_s:.3} s: {what}")]

@@ -308,6 +308,31 @@ impl Plan {
         self.states.len()
     }
 
+    /// The optimal-control problem that the plan solves.
+    ///
+    /// # Errors
+    /// The bank does not cover the plan's configurations.
+    pub fn problem(&self) -> Result<Problem, PlanError> {
+        let reference = self.task.reference();
+        let dynamics = self
+            .bank
+            .scheduled(&reference.configurations)
+            .map_err(|source| PlanError::Model {
+                task: self.task.name.clone(),
+                source,
+            })?;
+        let first = dynamics.at_knot(0);
+        let start = first.rest_state(self.task.configuration);
+        let commands = CommandReference::build(&self.task, &reference, &dynamics, &start).commands;
+        Ok(pose_problem(
+            &self.task,
+            &reference,
+            &commands,
+            &start,
+            first.lags(),
+        ))
+    }
+
     /// Predicted quadrotor positions (N × 3), m.
     pub fn predicted_quadrotor(&self) -> Vec<[f64; 3]> {
         self.states.iter().map(|x| [x[0], x[1], x[2]]).collect()

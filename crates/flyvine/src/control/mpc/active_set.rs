@@ -11,6 +11,7 @@
 //!
 //! A soft row may be violated by its compliance times its multiplier: a quadratic penalty of weight 1/compliance.
 
+use crate::flight::StepStatus;
 use crate::kernel;
 use std::time::Instant;
 
@@ -69,26 +70,16 @@ impl Budget {
 
     fn spent(&self, changes: usize) -> bool {
         let late = |deadline| Instant::now() >= deadline;
-        changes >= self.changes || (changes % CHANGES_PER_LOOK == 0 && self.deadline.is_some_and(late))
+        changes >= self.changes
+            || (changes.is_multiple_of(CHANGES_PER_LOOK) && self.deadline.is_some_and(late))
     }
-}
-
-/// How a solve ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum QpStatus {
-    /// The optimum, to rounding.
-    Optimal,
-    /// The budget ran out: optimal for the rows taken in so far, others may be violated.
-    BudgetSpent,
-    /// No point keeps all hard rows.
-    Infeasible,
 }
 
 /// What a solve reports.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QpReport {
     /// How it ended.
-    pub status: QpStatus,
+    pub status: StepStatus,
     /// Rows added to or dropped from the active set after the warm start.
     pub changes: usize,
     /// Active rows at the end.
@@ -249,13 +240,13 @@ impl ActiveSet {
         }
     }
 
-    fn take_in_violated(&mut self, program: &QuadraticProgram<'_>, budget: Budget) -> (QpStatus, usize) {
+    fn take_in_violated(&mut self, program: &QuadraticProgram<'_>, budget: Budget) -> (StepStatus, usize) {
         let mut changes = 0;
         while let Some((wanted, mut violation)) = self.most_violated(program) {
             let mut multiplier = 0.0;
             loop {
                 if budget.spent(changes) {
-                    return (QpStatus::BudgetSpent, changes);
+                    return (StepStatus::BudgetSpent, changes);
                 }
                 changes += 1;
                 let curvature = self.prepare(program, wanted);
@@ -266,7 +257,7 @@ impl ActiveSet {
                 let (blocking, partial) = self.first_to_vanish();
                 let step = full.min(partial);
                 if step.is_infinite() {
-                    return (QpStatus::Infeasible, changes);
+                    return (StepStatus::Infeasible, changes);
                 }
                 self.advance(step);
                 multiplier += step;
@@ -282,7 +273,7 @@ impl ActiveSet {
                 }
             }
         }
-        (QpStatus::Optimal, changes)
+        (StepStatus::Optimal, changes)
     }
 
     /// The inactive row that is violated most, and by how much.

@@ -1,6 +1,7 @@
 //! The horizon's quadratic cost condensed onto its commands.
 
 use crate::kernel;
+use crate::trajopt::Dynamics;
 use nalgebra::DMatrix;
 
 /// Weights of the tracking cost; no factor ½.
@@ -26,6 +27,15 @@ pub struct Stage {
 }
 
 impl Stage {
+    /// The sizes of `model`.
+    pub fn of(model: &dyn Dynamics) -> Self {
+        Self {
+            state: model.state_len(),
+            command: model.command_len(),
+            fresh: model.fresh_len(),
+        }
+    }
+
     /// Length of a row of the Jacobian [∂f/∂z ∂f/∂u], padded.
     pub fn stride(&self) -> usize {
         kernel::padded(self.state + self.command)

@@ -60,8 +60,14 @@ pub struct Start<'a> {
     pub state: &'a [f64],
     /// The command that is held now (m).
     pub held_command: &'a [f64],
-    /// What the world adds to the fresh entries at every step.
+    /// What the world adds to the fresh entries at every step …
     pub disturbance: &'a [f64],
+    /// … and what it adds at the first one, of which a share `decay` is left at each further one.
+    pub gust: &'a [f64],
+    /// See there.
+    pub decay: f64,
+    /// Fraction φ of a knot by which commands arrive late, −½ to ½: the model sees `(1 − φ) u_j + φ u_{j−1}`.
+    pub delay: f64,
 }
 
 /// Receding-horizon commands, with all memory they need.
@@ -77,6 +83,8 @@ pub struct Horizon {
     commands: Vec<f64>,
     /// z_0 … z_N under it as rolled out before its last correction ((N + 1) × n).
     states: Vec<f64>,
+    /// The command that the model sees (m).
+    effective: Vec<f64>,
     /// ∂J/∂v, padded.
     gradient: Vec<f64>,
     /// ∂J/∂z, padded like a row of a Jacobian, and the same one stage earlier.
@@ -100,6 +108,7 @@ impl Horizon {
             stages: 0,
             commands: Vec::with_capacity(variables),
             states: vec![0.0; (stages + 1) * stage.state],
+            effective: vec![0.0; stage.command],
             gradient: Vec::with_capacity(kernel::padded(variables)),
             adjoint: vec![0.0; stage.stride()],
             adjoint_before: vec![0.0; stage.stride()],
@@ -207,14 +216,24 @@ impl Horizon {
             fresh,
         } = self.stage;
         self.states[..n].copy_from_slice(start.state);
-        for (j, command) in self.commands.chunks_exact(m).enumerate() {
+        let mut gust_left = 1.0;
+        for j in 0..self.stages {
+            let newer = &self.commands[j * m..][..m];
+            let older = match j.checked_sub(1) {
+                Some(earlier) => &self.commands[earlier * m..][..m],
+                None => start.held_command,
+            };
+            for ((effective, newer), older) in self.effective.iter_mut().zip(newer).zip(older) {
+                *effective = (1.0 - start.delay) * newer + start.delay * older;
+            }
             let (before, after) = self.states[j * n..(j + 2) * n].split_at_mut(n);
             window
                 .dynamics
-                .step(window.knot + j, before, command, &mut after[..fresh]);
-            for (entry, disturbance) in after.iter_mut().zip(start.disturbance) {
-                *entry += disturbance;
+                .step(window.knot + j, before, &self.effective, &mut after[..fresh]);
+            for ((entry, disturbance), gust) in after.iter_mut().zip(start.disturbance).zip(start.gust) {
+                *entry += disturbance + gust_left * gust;
             }
+            gust_left *= start.decay;
             after[fresh..].copy_from_slice(&before[..n - fresh]);
         }
     }
@@ -253,8 +272,12 @@ impl Horizon {
             kernel::add_transpose_vector(jacobian, &self.adjoint[..fresh], &mut self.adjoint_before);
             for axis in 0..m {
                 let deviation = self.commands[j * m + axis] - window.command_reference[j * m + axis];
-                self.gradient[j * m + axis] =
-                    self.adjoint_before[n + axis] + 2.0 * self.weights.command[axis] * deviation;
+                let slope = self.adjoint_before[n + axis];
+                self.gradient[j * m + axis] +=
+                    (1.0 - start.delay) * slope + 2.0 * self.weights.command[axis] * deviation;
+                if j > 0 {
+                    self.gradient[(j - 1) * m + axis] += start.delay * slope;
+                }
                 self.adjoint_before[n + axis] = 0.0;
             }
             std::mem::swap(&mut self.adjoint, &mut self.adjoint_before);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::flight::StepStatus;
 use crate::model::physical::{ArmLength, Parameters, PhysicalModel};
 use crate::trajopt::Dynamics;
 use nalgebra::DMatrix;
@@ -15,10 +16,11 @@ struct Case {
     state: Vec<f64>,
     commands: Vec<f64>,
     disturbance: Vec<f64>,
+    delay: f64,
 }
 
 impl Case {
-    fn new() -> Self {
+    fn new(delay: f64) -> Self {
         let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.8)).unwrap();
         let stage = Stage {
             state: model.state_len(),
@@ -50,6 +52,7 @@ impl Case {
             model,
             stage,
             jacobians: Vec::new(),
+            delay,
             state,
             commands,
         };
@@ -59,10 +62,16 @@ impl Case {
 
     fn states(&self, commands: &[f64]) -> Vec<Vec<f64>> {
         let mut states = vec![self.state.clone()];
-        for command in commands.chunks_exact(3) {
+        for (j, newer) in commands.chunks_exact(3).enumerate() {
+            let older = |axis: usize| j.checked_sub(1).map_or(0.0, |before| commands[3 * before + axis]);
+            let command: [f64; 3] =
+                std::array::from_fn(|axis| (1.0 - self.delay) * newer[axis] + self.delay * older(axis));
             let mut next = vec![0.0; self.stage.state];
-            self.model.step(0, states.last().unwrap(), command, &mut next);
-            next.iter_mut().zip(&self.disturbance).for_each(|(z, d)| *z += d);
+            self.model.step(0, states.last().unwrap(), &command, &mut next);
+            let pushes = 1.0 + 0.9_f64.powi(j as i32);
+            next.iter_mut()
+                .zip(&self.disturbance)
+                .for_each(|(z, d)| *z += pushes * d);
             states.push(next);
         }
         states
@@ -115,8 +124,14 @@ impl Case {
 }
 
 #[test]
-fn one_step_from_the_linearization_point_is_a_newton_step_of_the_cost() {
-    let case = Case::new();
+fn the_gradient_is_exact_at_the_linearization_point() {
+    for delay in [0.0, 0.3] {
+        one_step_is_a_newton_step(Case::new(delay));
+    }
+}
+
+/// H v = −∇J, with ∇J by central differences. Late commands change the gradient, not H.
+fn one_step_is_a_newton_step(case: Case) {
     let condensed = Condensed::new(
         &case.stage,
         &case.jacobians,
@@ -141,12 +156,14 @@ fn one_step_from_the_linearization_point_is_a_newton_step_of_the_cost() {
         state: &case.state,
         held_command: &[0.0; 3],
         disturbance: &case.disturbance,
+        gust: &case.disturbance,
+        decay: 0.9,
+        delay: case.delay,
     };
     horizon.start_from(&case.commands);
     let report = horizon.solve(&window, &start, Budget::NONE);
-    assert_eq!((report.status, report.active), (QpStatus::Optimal, 0));
+    assert_eq!((report.status, report.active), (StepStatus::Optimal, 0));
     assert!(report.residual < 1e-10);
-    // H v = −∇J, with ∇J by central differences.
     let step: Vec<f64> = horizon
         .commands()
         .iter()
@@ -176,7 +193,7 @@ fn one_step_from_the_linearization_point_is_a_newton_step_of_the_cost() {
 
 #[test]
 fn the_condensed_hessian_is_that_of_the_linearized_cost() {
-    let case = Case::new();
+    let case = Case::new(0.0);
     let condensed = Condensed::new(
         &case.stage,
         &case.jacobians,
@@ -225,7 +242,7 @@ fn the_condensed_hessian_is_that_of_the_linearized_cost() {
 
 #[test]
 fn a_horizon_without_command_weight_is_refused() {
-    let mut case = Case::new();
+    let mut case = Case::new(0.0);
     case.weights = TrackingWeights {
         state: vec![0.0; case.stage.state],
         command: vec![0.0; 3],
@@ -240,7 +257,7 @@ fn a_horizon_without_command_weight_is_refused() {
 
 #[test]
 fn hard_limits_hold_whatever_the_budget() {
-    let case = Case::new();
+    let case = Case::new(0.0);
     let condensed = Condensed::new(&case.stage, &case.jacobians, &case.weights, None, &[8]).unwrap();
     let limits = HorizonLimits {
         command_change: Some(vec![0.07; 3]),
@@ -270,6 +287,9 @@ fn hard_limits_hold_whatever_the_budget() {
             state: &case.state,
             held_command: &held,
             disturbance: &case.disturbance,
+            gust: &case.disturbance,
+            decay: 0.9,
+            delay: case.delay,
         };
         for _ in 0..3 {
             let budget = Budget {
@@ -278,7 +298,7 @@ fn hard_limits_hold_whatever_the_budget() {
             };
             let report = horizon.solve(&window, &start, budget);
             assert_eq!(
-                report.status == QpStatus::Optimal,
+                report.status == StepStatus::Optimal,
                 changes > 3 || report.changes < changes
             );
             for (i, &command) in horizon.commands().iter().enumerate() {

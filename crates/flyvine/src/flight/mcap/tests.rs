@@ -51,7 +51,7 @@ fn every_shared_flight_survives_a_round_trip() {
     for path in files.iter().step_by(8) {
         let mut flight = read_flight(path).unwrap();
         flight.name = "flight".into();
-        let bytes = format_mcap("flight", &flight).unwrap();
+        let bytes = format_mcap("flight", &flight, &[]).unwrap();
         assert_eq!(parse_mcap("flight", &bytes).unwrap(), flight);
     }
 }
@@ -90,16 +90,16 @@ fn what_is_no_flight_is_refused() {
         ..flight()
     };
     assert!(matches!(
-        *format_mcap("none", &none).unwrap_err().problem,
+        *format_mcap("none", &none, &[]).unwrap_err().problem,
         Problem::NoRows
     ));
     let mut bad = flight();
     bad.samples[3].command[1] = f64::INFINITY;
-    let message = format_mcap("bad.mcap", &bad).unwrap_err().to_string();
+    let message = format_mcap("bad.mcap", &bad, &[]).unwrap_err().to_string();
     assert!(message.starts_with("bad.mcap, `/command, row 3`: "), "{message}");
     let mut backwards = flight();
     backwards.samples.swap(4, 5);
-    let message = format_mcap("bad.mcap", &backwards).unwrap_err().to_string();
+    let message = format_mcap("bad.mcap", &backwards, &[]).unwrap_err().to_string();
     assert!(
         message.contains("/configuration, row 5") && message.contains("increase"),
         "{message}"
@@ -107,7 +107,7 @@ fn what_is_no_flight_is_refused() {
     let mut slow = flight();
     slow.samples.iter_mut().for_each(|sample| sample.t_s *= 2.0);
     assert!(matches!(
-        *format_mcap("slow", &slow).unwrap_err().problem,
+        *format_mcap("slow", &slow, &[]).unwrap_err().problem,
         Problem::NotTwentyHertz { .. }
     ));
 }
@@ -115,7 +115,7 @@ fn what_is_no_flight_is_refused() {
 proptest! {
     #[test]
     fn any_flight_survives_a_round_trip_as_mcap(flight in any_flight()) {
-        let bytes = format_mcap("flight", &flight).unwrap();
+        let bytes = format_mcap("flight", &flight, &[]).unwrap();
         prop_assert_eq!(parse_mcap("flight", &bytes).unwrap(), flight);
     }
 
@@ -126,7 +126,7 @@ proptest! {
         removed in 0..200usize,
     ) {
         let short = Flight { samples: flight().samples[..20].to_vec(), ..flight() };
-        let mut file = format_mcap("flight", &short).unwrap();
+        let mut file = format_mcap("flight", &short, &[]).unwrap();
         let start = position.index(file.len());
         let end = (start + removed).min(file.len());
         file.splice(start..end, bytes);

@@ -184,7 +184,7 @@ proptest! {
         let padded = case.padded();
         let mut workspace = case.workspace();
         let report = workspace.solve(&case.program(&padded), Budget::NONE);
-        prop_assert_eq!(report.status, QpStatus::Optimal);
+        prop_assert_eq!(report.status, StepStatus::Optimal);
         prop_assert!(report.residual < 1e-9, "residual {}", report.residual);
         let expected = case.by_enumeration();
         for (found, expected) in workspace.solution().iter().zip(expected.iter()) {
@@ -206,7 +206,7 @@ proptest! {
         let warm_report = warm.solve(&case.program(&padded), Budget::NONE);
         let cold_report = cold.solve(&case.program(&padded), Budget::NONE);
         for report in [warm_report, cold_report] {
-            prop_assert_eq!(report.status, QpStatus::Optimal);
+            prop_assert_eq!(report.status, StepStatus::Optimal);
             prop_assert!(report.residual < 1e-8, "residual {}", report.residual);
         }
         for (warm, cold) in warm.solution().iter().zip(cold.solution()) {
@@ -228,7 +228,7 @@ fn a_spent_budget_keeps_the_rows_taken_in_so_far() {
         deadline: None,
     };
     let part = workspace.solve(&case.program(&padded), budget);
-    assert_eq!((part.status, part.changes), (QpStatus::BudgetSpent, 4));
+    assert_eq!((part.status, part.changes), (StepStatus::BudgetSpent, 4));
     assert!(part.residual > whole.residual);
     let mut again = case.workspace();
     again.solve(&case.program(&padded), budget);
@@ -247,5 +247,5 @@ fn contradicting_rows_are_infeasible() {
     case.upper = vec![2.0, f64::INFINITY, 0.5, f64::INFINITY];
     let padded = case.padded();
     let report = case.workspace().solve(&case.program(&padded), Budget::NONE);
-    assert_eq!(report.status, QpStatus::Infeasible);
+    assert_eq!(report.status, StepStatus::Infeasible);
 }

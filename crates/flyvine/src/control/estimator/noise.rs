@@ -1,0 +1,240 @@
+//! How uncertain measurements, models and the world are.
+
+use super::{DISTURBANCES, EstimatorError};
+use crate::model::{Model, ScheduledModel};
+use serde::{Deserialize, Serialize};
+
+/// One standard deviation per kind of entry.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyNoise {
+    /// Quadrotor position, m.
+    pub quadrotor_m: f64,
+    /// Attitude, vector part of the quaternion.
+    pub attitude: f64,
+    /// End-effector position, m.
+    pub end_effector_m: f64,
+}
+
+impl BodyNoise {
+    /// Spread over the nine entries of x.
+    fn entries(&self) -> [f64; DISTURBANCES] {
+        std::array::from_fn(|i| [self.quadrotor_m, self.attitude, self.end_effector_m][i / 3])
+    }
+}
+
+/// Noise levels of the filter, standard deviations; those of disturbances and process are per knot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoiseLevels {
+    /// Of measured poses.
+    pub measured: BodyNoise,
+    /// What a step of the model misses: in the pose that it predicts (lag family), or as a share of the levels that
+    /// the physical family's hidden states move by (1 is typical).
+    pub process: BodyNoise,
+    /// How far the steady disturbances wander.
+    pub disturbance: BodyNoise,
+    /// How strong the gusts are.
+    pub gust: BodyNoise,
+    /// How long a gust lasts, s: its correlation time.
+    pub gust_s: f64,
+    /// How far the delay wanders, knots.
+    pub delay: f64,
+    /// How uncertain the delay is at the start, knots.
+    pub delay_initial: f64,
+}
+
+impl NoiseLevels {
+    /// For the lag family, where nothing was identified.
+    pub const LAG: Self = Self {
+        measured: BodyNoise {
+            quadrotor_m: 1e-3,
+            attitude: 1e-3,
+            end_effector_m: 1e-3,
+        },
+        process: BodyNoise {
+            quadrotor_m: 5e-4,
+            attitude: 2e-3,
+            end_effector_m: 1e-3,
+        },
+        disturbance: BodyNoise {
+            quadrotor_m: 5e-5,
+            attitude: 1e-4,
+            end_effector_m: 1e-4,
+        },
+        gust: BodyNoise {
+            quadrotor_m: 5e-4,
+            attitude: 1e-3,
+            end_effector_m: 1e-3,
+        },
+        gust_s: 1.0,
+        delay: 2e-3,
+        delay_initial: 0.3,
+    };
+
+    /// For the physical family, where nothing was identified.
+    pub const PHYSICAL: Self = Self {
+        measured: BodyNoise {
+            quadrotor_m: 5e-4,
+            attitude: 1e-3,
+            end_effector_m: 5e-4,
+        },
+        process: BodyNoise {
+            quadrotor_m: 1.0,
+            attitude: 1.0,
+            end_effector_m: 1.0,
+        },
+        disturbance: BodyNoise {
+            quadrotor_m: 2e-4,
+            attitude: 1e-5,
+            end_effector_m: 5e-4,
+        },
+        gust: BodyNoise {
+            quadrotor_m: 1e-2,
+            attitude: 1e-5,
+            end_effector_m: 2e-2,
+        },
+        gust_s: 1.0,
+        delay: 2e-3,
+        delay_initial: 0.3,
+    };
+
+    /// The levels of the model's family.
+    pub fn typical(model: &ScheduledModel) -> Self {
+        match model.at_knot(0) {
+            Model::Lag(_) => Self::LAG,
+            Model::Physical(_) => Self::PHYSICAL,
+        }
+    }
+
+    pub(super) fn validate(&self) -> Result<(), EstimatorError> {
+        let bodies = [
+            ("measured", self.measured),
+            ("process", self.process),
+            ("disturbance", self.disturbance),
+            ("gust", self.gust),
+        ];
+        let levels = bodies
+            .into_iter()
+            .flat_map(|(name, body)| body.entries().map(|level| (name, level)))
+            .chain([
+                ("gust_s", self.gust_s),
+                ("delay", self.delay),
+                ("delay_initial", self.delay_initial),
+            ]);
+        for (name, found) in levels {
+            // Not `<=`: NaN must fail.
+            if !(found > 0.0 && found.is_finite()) {
+                return Err(EstimatorError::Noise { name, found });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, g, τ.
+#[derive(Debug, Clone)]
+pub(super) struct Layout {
+    /// (entry of the fresh state, disturbance, gain).
+    pub entries: Vec<(usize, usize, f64)>,
+    /// Standard deviations at the start.
+    pub initial: Vec<f64>,
+    /// What a knot adds to them.
+    pub process: Vec<f64>,
+    /// Of the measured outputs.
+    pub measured: [f64; DISTURBANCES],
+    /// What is left of a gust one knot later.
+    pub gust_decay: f64,
+}
+
+/// How uncertain the steady disturbances are at the start, in knots of their wandering: a wind may blow already.
+const DISTURBANCE_INITIAL_KNOTS: f64 = 50.0;
+
+/// Standard deviations of the physical state's blocks: at the start, at rest, and what a knot adds; m, s, rad.
+const PHYSICAL: [(usize, f64, f64, usize); 13] = [
+    (3, 2e-3, 1e-4, 0), // position
+    (3, 5e-3, 5e-4, 1), // attitude
+    (3, 5e-3, 1e-4, 2), // tip
+    (3, 1e-2, 3e-3, 0), // velocity
+    (3, 5e-2, 2e-2, 1), // body rate
+    (3, 0.5, 0.2, 1),   // angular acceleration
+    (3, 0.3, 5e-3, 0),  // integrator
+    (3, 1e-2, 5e-3, 0), // filtered velocity
+    (1, 0.1, 3e-2, 0),  // thrust
+    (3, 1e-4, 1e-5, 0), // command in transport
+    (3, 2e-2, 5e-3, 2), // tip velocity
+    (3, 1e-2, 2e-4, 2), // inner joint
+    (3, 2e-2, 5e-3, 2), // its velocity
+];
+/// First entries of the velocities of quadrotor, tip and inner joint.
+const VELOCITY: usize = 9;
+const TIP_VELOCITY: usize = 28;
+const JOINT_VELOCITY: usize = 34;
+/// What pushes the tip pushes the inner joint by this share.
+const JOINT_SHARE: f64 = 0.5;
+
+impl Layout {
+    /// Lagged poses: each disturbance adds to its entry of the newest pose.
+    pub fn lag(state_len: usize, noise: &NoiseLevels) -> Self {
+        let mut initial = vec![2e-3; state_len];
+        let mut process = vec![0.0; state_len];
+        process[..DISTURBANCES].copy_from_slice(&noise.process.entries());
+        noise.append(&mut initial, &mut process);
+        Self {
+            entries: (0..DISTURBANCES).map(|i| (i, i, 1.0)).collect(),
+            initial,
+            process,
+            measured: noise.measured.entries(),
+            gust_decay: noise.gust_decay(),
+        }
+    }
+
+    /// Physics: forces on quadrotor and arm, as velocities gained per knot, and a drift of the attitude.
+    pub fn physical(state_len: usize, noise: &NoiseLevels) -> Self {
+        let share = noise.process.entries();
+        let blocks = || {
+            PHYSICAL
+                .iter()
+                .flat_map(|&(count, initial, step, body)| std::iter::repeat_n((initial, step, body), count))
+        };
+        let mut initial: Vec<f64> = blocks().map(|(initial, ..)| initial).collect();
+        let mut process: Vec<f64> = blocks().map(|(_, step, body)| step * share[3 * body]).collect();
+        assert_eq!(process.len(), state_len, "the blocks cover the physical state");
+        noise.append(&mut initial, &mut process);
+        let mut entries = Vec::new();
+        for axis in 0..3 {
+            entries.push((VELOCITY + axis, axis, 1.0));
+            entries.push((3 + axis, 3 + axis, 1.0));
+            entries.push((TIP_VELOCITY + axis, 6 + axis, 1.0));
+            entries.push((JOINT_VELOCITY + axis, 6 + axis, JOINT_SHARE));
+        }
+        Self {
+            entries,
+            initial,
+            process,
+            measured: noise.measured.entries(),
+            gust_decay: noise.gust_decay(),
+        }
+    }
+}
+
+impl NoiseLevels {
+    fn gust_decay(&self) -> f64 {
+        (-crate::DT / self.gust_s).exp()
+    }
+
+    /// Disturbances, gusts and delay, behind the state.
+    fn append(&self, initial: &mut Vec<f64>, process: &mut Vec<f64>) {
+        for level in self.disturbance.entries() {
+            initial.push(level * DISTURBANCE_INITIAL_KNOTS);
+            process.push(level);
+        }
+        for strength in self.gust.entries() {
+            initial.push(strength);
+            // What keeps g⁺ = ρ g + w at its strength.
+            process.push(strength * (1.0 - self.gust_decay().powi(2)).sqrt());
+        }
+        initial.push(self.delay_initial);
+        process.push(self.delay);
+    }
+}

@@ -1,0 +1,156 @@
+use super::*;
+use crate::flight::Configuration;
+use crate::model::physical::{ArmLength, Parameters, PhysicalModel};
+use crate::model::{Bank, BankModel, BankProvenance, ModelDiagnostics};
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+const CONFIGURATION: Configuration = Configuration {
+    length_m: 0.8,
+    pressure_kpa: 0.0,
+};
+const KNOTS: usize = 300;
+
+fn model() -> ScheduledModel {
+    let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.8)).unwrap();
+    let model = BankModel {
+        configuration: CONFIGURATION,
+        model: Model::Physical(Box::new(model)),
+        diagnostics: ModelDiagnostics::default(),
+    };
+    let bank = Bank::new(vec![model], BankProvenance::default()).unwrap();
+    bank.scheduled(&[CONFIGURATION]).unwrap()
+}
+
+fn command(knot: usize) -> [f64; 3] {
+    let phase = 0.07 * knot as f64;
+    [
+        0.8 * phase.sin(),
+        0.5 * (0.7 * phase).sin(),
+        1.5 + 0.1 * phase.cos(),
+    ]
+}
+
+/// Flies the model itself, with a push on the tip and late commands, and lets the estimator watch.
+struct Watched {
+    truth: Vec<f64>,
+    error: f64,
+    refused: u32,
+}
+
+fn watch<'a>(
+    model: &'a ScheduledModel,
+    delay_knots: usize,
+    push: f64,
+    mut tamper: impl FnMut(usize, Observation) -> Observation,
+) -> (Estimator<'a>, Watched) {
+    let n = model.state_len();
+    let mut truth = model.at_knot(0).rest_state(CONFIGURATION);
+    let mut estimator = Estimator::new(model, &NoiseLevels::PHYSICAL, &truth, command(0)).unwrap();
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+    let normal = Normal::new(0.0, 3e-4).unwrap();
+    let mut watched = Watched {
+        truth: Vec::new(),
+        error: 0.0,
+        refused: 0,
+    };
+    for knot in 0..KNOTS {
+        let sent = command(knot);
+        let felt = command(knot.saturating_sub(delay_knots));
+        let mut next = vec![0.0; n];
+        model.step(knot, &truth, &felt, &mut next);
+        next[28] += push;
+        next[34] += 0.5 * push;
+        truth = next;
+        let mut noisy = |i: usize| truth[i] + normal.sample(&mut random);
+        let attitude = [noisy(3), noisy(4), noisy(5)];
+        let w = (1.0 - attitude.iter().map(|x| x * x).sum::<f64>()).sqrt();
+        let observation = Observation {
+            t_s: (knot + 1) as f64 * crate::DT,
+            quadrotor: Some(Pose {
+                position: [noisy(0), noisy(1), noisy(2)],
+                attitude: [w, attitude[0], attitude[1], attitude[2]],
+            }),
+            end_effector: Some([noisy(6), noisy(7), noisy(8)]),
+        };
+        estimator.predict(knot, sent);
+        estimator.correct(&tamper(knot, observation));
+        watched.refused += estimator.surprise().refused;
+        if knot >= KNOTS / 2 {
+            let error = (6..9)
+                .map(|i| (estimator.state()[i] - truth[i]).powi(2))
+                .sum::<f64>();
+            watched.error = watched.error.max(error.sqrt());
+        }
+    }
+    watched.truth = truth;
+    (estimator, watched)
+}
+
+#[test]
+fn a_steady_push_and_late_commands_are_found() {
+    let model = model();
+    for delay_knots in [0, 1, 2] {
+        let (estimator, watched) = watch(&model, delay_knots, 0.02, |_, seen| seen);
+        let (delay, deviation) = estimator.delay_knots();
+        assert!(
+            (delay - delay_knots as f64).abs() < 0.15,
+            "{delay} ± {deviation} knots, in truth {delay_knots}"
+        );
+        let push = estimator.disturbance()[6] + estimator.gust()[6];
+        assert!((push - 0.02).abs() < 5e-3, "{push} m/s per knot on the tip");
+        assert!(watched.error < 2e-3, "tip off by {} m", watched.error);
+    }
+}
+
+#[test]
+fn outliers_are_refused_and_gaps_bridged() {
+    let model = model();
+    let (clean, undisturbed) = watch(&model, 0, 0.0, |_, seen| seen);
+    assert_eq!(undisturbed.refused, 0);
+    let (estimator, watched) = watch(&model, 0, 0.0, |knot, mut seen| {
+        if knot % 40 == 20 {
+            seen.end_effector = seen.end_effector.map(|[x, y, z]| [x + 0.15, y, z]);
+        }
+        if (180..186).contains(&knot) {
+            (seen.quadrotor, seen.end_effector) = (None, None);
+        }
+        seen
+    });
+    assert_eq!(
+        watched.refused,
+        3 * (KNOTS as u32 / 40),
+        "each outlier, and nothing else"
+    );
+    assert!(watched.error < 5e-3, "tip off by {} m", watched.error);
+    assert!((estimator.state()[0] - clean.state()[0]).abs() < 1e-3);
+    assert_eq!(watched.truth, undisturbed.truth);
+}
+
+#[test]
+fn a_body_that_really_moved_is_believed_after_a_while() {
+    let model = model();
+    let (estimator, watched) = watch(&model, 0, 0.0, |knot, mut seen| {
+        if knot > 200 {
+            seen.end_effector = seen.end_effector.map(|[x, y, z]| [x + 0.3, y, z]);
+        }
+        seen
+    });
+    assert!(watched.refused >= 3 * REFUSALS_MAX);
+    assert!((estimator.state()[6] - watched.truth[6] - 0.3).abs() < 0.1);
+}
+
+#[test]
+fn what_cannot_be_estimated_is_named() {
+    let model = model();
+    let start = model.at_knot(0).rest_state(CONFIGURATION);
+    let refused = |noise: &NoiseLevels, start: &[f64]| {
+        Estimator::new(&model, noise, start, [0.0; 3])
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(refused(&NoiseLevels::PHYSICAL, &start[1..]).contains("36 entries; expected the model's 37"));
+    let mut noise = NoiseLevels::PHYSICAL;
+    noise.process.attitude = f64::NAN;
+    assert!(refused(&noise, &start).contains("process: found NaN"));
+}

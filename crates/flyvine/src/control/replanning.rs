@@ -1,0 +1,226 @@
+//! Shrinking-horizon replanning for tasks that must be somewhere at one instant: at every knot the constrained problem
+//! from the estimated state to the task's end is solved again.
+
+use super::estimator::{Estimator, EstimatorError, NoiseLevels};
+use super::{Controller, Proposal, Tick, Trajectory};
+use crate::flight::{StepReport, StepStatus};
+use crate::model::ScheduledModel;
+use crate::trajopt::{Dynamics, Options, Problem, ProblemError, Solver, Status};
+use std::time::Duration;
+
+/// Iterations of one replanning: it starts from the last answer.
+const ITERATIONS_MAX: usize = 40;
+/// Violation up to which a new answer is flown even if the solver would like to go on, m.
+const VIOLATION_ACCEPTED_M: f64 = 0.01;
+const VIOLATION_TOLERANCE_M: f64 = 1e-4;
+const STATIONARITY_TOLERANCE: f64 = 1e-3;
+
+/// A plan that cannot be replanned in flight.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ReplanningError {
+    /// The problem does not fit the model.
+    #[error(transparent)]
+    Problem(#[from] ProblemError),
+    /// The model does not suit the estimator.
+    #[error(transparent)]
+    Estimator(#[from] EstimatorError),
+}
+
+/// Replans the rest of `problem` at every knot. The commands flown are those of the last answer that kept its
+/// constraints; where none is found in time, the one before goes on.
+#[derive(Debug, Clone)]
+pub struct Replanning<'a> {
+    trajectory: &'a Trajectory,
+    model: &'a ScheduledModel,
+    problem: Problem,
+    estimator: Estimator<'a>,
+    time_limit: Option<Duration>,
+    /// Commands from the knot on at which the next one acts (flat).
+    commands: Vec<f64>,
+    /// Knot of the first of them.
+    first: usize,
+    push: Vec<f64>,
+    gust: Vec<f64>,
+    report: Option<StepReport>,
+}
+
+impl<'a> Replanning<'a> {
+    /// Prepares to fly `trajectory`, the solution of `problem` on `model`.
+    ///
+    /// # Errors
+    /// The problem, the trajectory and the model do not belong together.
+    pub fn new(
+        trajectory: &'a Trajectory,
+        model: &'a ScheduledModel,
+        problem: Problem,
+    ) -> Result<Self, ReplanningError> {
+        problem.validate(model)?;
+        let noise = NoiseLevels::typical(model);
+        let estimator = Estimator::new(model, &noise, trajectory.state(0), trajectory.start().0)?;
+        let steps = trajectory.knots() - 1;
+        Ok(Self {
+            trajectory,
+            model,
+            problem,
+            estimator,
+            time_limit: None,
+            commands: (0..steps).flat_map(|knot| trajectory.command(knot)).collect(),
+            first: 0,
+            push: vec![0.0; model.fresh_len()],
+            gust: vec![0.0; model.fresh_len()],
+            report: None,
+        })
+    }
+
+    /// Answers after `limit` at the latest.
+    pub fn with_time_limit(mut self, limit: Duration) -> Self {
+        self.time_limit = Some(limit);
+        self
+    }
+
+    /// What is left of the problem from `knot` on, starting from `state`; bounds on a start that is as it is go.
+    fn rest_of_problem(&self, knot: usize, state: Vec<f64>) -> Problem {
+        let (n, m) = (state.len(), 3);
+        let mut rest = Problem {
+            knots: self.problem.knots - knot,
+            start: state,
+            state_reference: self.problem.state_reference[knot * n..].to_vec(),
+            command_reference: self.problem.command_reference[knot * m..].to_vec(),
+            command_guess: self.commands[(knot - self.first) * m..].to_vec(),
+            ..self.problem.clone()
+        };
+        rest.state_bounds.retain(|bound| bound.last_knot > knot);
+        for bound in &mut rest.state_bounds {
+            bound.first_knot = bound.first_knot.saturating_sub(knot).max(1);
+            bound.last_knot -= knot;
+        }
+        rest.equalities.retain(|equality| equality.knot > knot);
+        for equality in &mut rest.equalities {
+            equality.knot -= knot;
+        }
+        rest
+    }
+
+    /// Solves the rest of the problem; false if it is none.
+    fn replan(&mut self, knot: usize, state: Vec<f64>) -> bool {
+        let rest = self.rest_of_problem(knot, state);
+        self.commands.clone_from(&rest.command_guess);
+        self.first = knot;
+        let pushed = Pushed {
+            model: self.model,
+            first: knot,
+            push: &self.push,
+        };
+        let options = Options {
+            max_iterations: ITERATIONS_MAX,
+            violation_tolerance: VIOLATION_TOLERANCE_M,
+            stationarity_tolerance: STATIONARITY_TOLERANCE,
+            time_limit: self.time_limit,
+            ..Options::default()
+        };
+        let Ok(mut solver) = Solver::new(&rest, &pushed, options) else {
+            return false; // the estimate is not finite
+        };
+        let solution = solver.solve();
+        let finite = solution.commands.iter().all(|command| command.is_finite());
+        if finite && solution.max_violation <= VIOLATION_ACCEPTED_M {
+            self.commands.clone_from(&solution.commands);
+        }
+        self.report = Some(StepReport {
+            status: match solution.status {
+                Status::Converged => StepStatus::Optimal,
+                Status::IterationLimit | Status::TimeLimit | Status::Stalled => StepStatus::BudgetSpent,
+                Status::ProbablyInfeasible | Status::GuessDiverges { .. } => StepStatus::Infeasible,
+            },
+            changes: solution.iterations,
+            active: 0,
+            residual: solution.max_violation.max(solution.stationarity),
+            delay_knots: self.estimator.delay_knots().0,
+            delay_deviation_knots: self.estimator.delay_knots().1,
+        });
+        true
+    }
+}
+
+impl Controller for Replanning<'_> {
+    fn propose(&mut self, tick: &Tick) -> Proposal {
+        self.estimator.update(tick);
+        let delay = self.estimator.delay_knots().0;
+        let whole = delay.round();
+        let mut state = vec![0.0; self.model.state_len()];
+        self.estimator.foresee(
+            tick.knot,
+            whole as usize,
+            delay - whole,
+            &mut state,
+            &mut self.push,
+            &mut self.gust,
+        );
+        // Commands that would act after the plan's end no longer matter.
+        let knot = tick.knot + whole as usize;
+        if knot + 1 >= self.trajectory.knots() {
+            return Proposal::Command(tick.held_command);
+        }
+        if !self.replan(knot, state) {
+            return Proposal::Failed;
+        }
+        let command = std::array::from_fn(|axis| self.commands[axis]);
+        Proposal::Command(self.trajectory.clip(command))
+    }
+
+    fn report(&self) -> Option<StepReport> {
+        self.report
+    }
+}
+
+/// The model from knot `first` on, with a constant push on its fresh entries.
+struct Pushed<'a> {
+    model: &'a ScheduledModel,
+    first: usize,
+    push: &'a [f64],
+}
+
+impl Dynamics for Pushed<'_> {
+    fn state_len(&self) -> usize {
+        self.model.state_len()
+    }
+
+    fn command_len(&self) -> usize {
+        self.model.command_len()
+    }
+
+    fn fresh_len(&self) -> usize {
+        self.model.fresh_len()
+    }
+
+    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
+        self.model.step(self.first + knot, state, command, fresh);
+        for (entry, push) in fresh.iter_mut().zip(self.push) {
+            *entry += push;
+        }
+    }
+
+    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
+        self.model.jacobian(self.first + knot, state, command, jacobian);
+    }
+
+    fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+        self.model.linearize(self.first + knot, z, u, fresh, jacobian);
+        for (entry, push) in fresh.iter_mut().zip(self.push) {
+            *entry += push;
+        }
+    }
+
+    fn add_curvature(
+        &self,
+        knot: usize,
+        z: &[f64],
+        u: &[f64],
+        adjoint: &[f64],
+        scale: f64,
+        hessian: &mut [f64],
+    ) {
+        self.model
+            .add_curvature(self.first + knot, z, u, adjoint, scale, hessian);
+    }
+}
