@@ -14,7 +14,7 @@ use serde::Serialize;
 use crate::console::{centimetres, print, print_json, say, table};
 use crate::fit::write_json;
 use crate::flights::load_flights;
-use crate::fly::{ControllerChoice, OpenVehicle, fly_plan, open_vehicle};
+use crate::fly::{Flying, OpenVehicle, fly_plan, open_vehicle};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::run_folder::experiment_folder;
 use crate::score::score_flight;
@@ -171,7 +171,7 @@ fn fly_round(
     let seed = arguments.seed + number as u64;
     let outcome = fly_plan(
         &plan,
-        ControllerChoice::OpenLoop,
+        &Flying::default(),
         limits,
         vehicle.as_mut(),
         seed,

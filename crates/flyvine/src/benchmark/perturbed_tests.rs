@@ -120,9 +120,7 @@ fn campaign(count: usize) -> usize {
 /// What is not converged says why, and the reason stands up: where constraints are violated, the answer satisfies a
 /// problem in which they are relaxed as the diagnosis says; where a rollout diverges, it does.
 fn verify_diagnosis(case: &str, benchmark: &BenchmarkProblem, solution: &Solution) {
-    let BenchmarkProblem {
-        problem, dynamics, ..
-    } = benchmark;
+    let problem = &benchmark.problem;
     match solution.status {
         Status::Converged => {}
         Status::GuessDiverges { knot } => assert!(diverges(benchmark, knot), "{case}: the guess is finite"),

@@ -217,10 +217,10 @@ impl Dynamics for Pushed<'_> {
         z: &[f64],
         u: &[f64],
         adjoint: &[f64],
-        scale: f64,
+        stride: usize,
         hessian: &mut [f64],
     ) {
         self.model
-            .add_curvature(self.first + knot, z, u, adjoint, scale, hessian);
+            .add_curvature(self.first + knot, z, u, adjoint, stride, hessian);
     }
 }

@@ -1,6 +1,6 @@
 //! The covariance of an estimate: propagation through a linear map, and scalar measurements.
 
-use crate::kernel;
+use crate::kernel::{self, Rows, Wanted};
 
 /// A square matrix with padded rows, stored transposed, as the products want it.
 #[derive(Debug, Clone)]
@@ -31,6 +31,11 @@ pub(super) struct Covariance {
     product: Vec<f64>,
     turned: Vec<f64>,
     column: Vec<f64>,
+}
+
+/// A square matrix for the kernel.
+fn rows(entries: &[f64], stride: usize) -> Rows<'_> {
+    Rows { entries, stride }
 }
 
 impl Covariance {
@@ -78,12 +83,14 @@ impl Covariance {
     pub fn propagate(&mut self, deviations: &[f64]) {
         let stride = self.stride;
         // (F P)ᵀ row by row is what the second product needs on its right.
-        self.product.fill(0.0);
-        kernel::add_transpose_product(
-            &self.transition.transposed,
-            &self.matrix,
+        kernel::sum_products(
+            &[],
+            &[(
+                rows(&self.transition.transposed, stride),
+                rows(&self.matrix, stride),
+            )],
+            Wanted::All,
             stride,
-            false,
             &mut self.product,
         );
         for i in 0..self.len {
@@ -91,12 +98,14 @@ impl Covariance {
                 self.turned[j * stride + i] = self.product[i * stride + j];
             }
         }
-        self.matrix.fill(0.0);
-        kernel::add_transpose_product(
-            &self.transition.transposed,
-            &self.turned,
+        kernel::sum_products(
+            &[],
+            &[(
+                rows(&self.transition.transposed, stride),
+                rows(&self.turned, stride),
+            )],
+            Wanted::Upper { columns: self.len },
             stride,
-            true,
             &mut self.matrix,
         );
         for i in 0..self.len {
