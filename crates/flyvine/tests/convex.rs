@@ -1,6 +1,8 @@
 //! Convex problems against Clarabel, an interior-point solver that shares nothing with this one: the same optima, and
 //! the same verdict on problems that have no feasible point.
 
+#![allow(clippy::print_stdout)] // a tally for people
+
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
 use flyvine::benchmark::{BenchmarkProblem, read_problem};
