@@ -18,10 +18,8 @@ use serde::Serialize;
 
 /// Weights that are tried for the task's flights, the greatest first.
 const WEIGHTS: [f64; 4] = [30.0, 10.0, 3.0, 1.0];
-/// Held-out recordings predicted worse than before by more than this factor, and by more than this distance, m, which
-/// no plan would feel: that weight is too great.
+/// Held-out recordings predicted worse than before by more than this factor: that weight is too great.
 const NO_WORSE: f64 = 1.05;
-const NO_WORSE_M: f64 = 0.002;
 /// Each third recording is held out from the trials.
 const HELD_OUT: usize = 3;
 /// Radius of the trust region of one refit, in standard deviations of the priors.
@@ -131,9 +129,7 @@ impl Learner {
                 held_out: trial,
             });
             let no_worse = match (without, trial) {
-                (Some(before), Some(after)) => {
-                    after.mean_m <= (NO_WORSE * before.mean_m).max(before.mean_m + NO_WORSE_M)
-                }
+                (Some(before), Some(after)) => after.mean_m <= NO_WORSE * before.mean_m,
                 (before, _) => before.is_none(),
             };
             if no_worse {

@@ -20,7 +20,7 @@ pub struct HygieneOptions {
     /// Quadrotor: largest deviation of one step from the mean of the steps beside it, m: half the third
     /// difference of the positions. A jump by `J` deviates by `J`, a spike by `1.5 J`. Default 0.06.
     pub jump_tolerance_m: f64,
-    /// End effector: the same; a limp arm that whips round deviates by 0.07 m by itself. Default 0.09.
+    /// End effector: the same; a limp arm that whips round deviates by 0.07 m by itself. Default 0.075.
     pub tip_jump_tolerance_m: f64,
     /// The same for the attitude, as a distance of quaternions (half an angle in radians). Default 0.12.
     pub turn_tolerance: f64,
@@ -35,7 +35,7 @@ impl Default for HygieneOptions {
     fn default() -> Self {
         HygieneOptions {
             jump_tolerance_m: 0.06,
-            tip_jump_tolerance_m: 0.09,
+            tip_jump_tolerance_m: 0.075,
             turn_tolerance: 0.12,
             max_excursion_rows: 10,
             command_spike_m: 0.5,

@@ -231,7 +231,7 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
         assert!(!flight.notable(), "{flight}");
     }
     let good = flights[1].clone();
-    flights[1] = late(&good, 0.0, 0.02, 0.0);
+    flights[1] = late(&good, 0.0, 0.04, 0.0);
     let found = timing(&flights);
     assert!(
         found[1].notable() && !found[0].notable(),
@@ -240,7 +240,7 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
         found[1]
     );
     assert!(
-        (found[1].end_effector_late_s.value - 0.02).abs() < 0.005,
+        (found[1].end_effector_late_s.value - 0.04).abs() < 0.005,
         "{}",
         found[1]
     );
