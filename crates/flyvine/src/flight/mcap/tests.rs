@@ -38,7 +38,7 @@ fn files_survive_a_round_trip_and_are_reproducible() {
     write_flight(&path, &flight()).unwrap();
     assert_eq!(read_flight(&path).unwrap(), flight());
     assert_eq!(
-        format_mcap("flight", &flight()).unwrap(),
+        format_mcap("flight", &flight(), &[]).unwrap(),
         std::fs::read(&path).unwrap()
     );
 }
@@ -60,7 +60,7 @@ fn every_shared_flight_survives_a_round_trip() {
 fn a_file_that_was_cut_off_is_refused_but_recovered_up_to_the_last_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cut.mcap");
-    let whole = format_mcap("whole", &flight()).unwrap();
+    let whole = format_mcap("whole", &flight(), &[]).unwrap();
     let mut fewest = usize::MAX;
     for share in [0.99, 0.9, 0.6, 0.35] {
         let cut = (share * whole.len() as f64) as usize;
