@@ -128,3 +128,57 @@ impl StepRow {
         ]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::flight::{
+        Configuration, Flight, Sample, read_control_steps, read_flight, write_controlled_flight,
+    };
+
+    #[test]
+    fn both_formats_give_steps_and_flight_back_to_the_last_bit() {
+        let sample = |row: usize| Sample {
+            t_s: row as f64 * crate::DT,
+            configuration: Configuration {
+                length_m: 0.7,
+                pressure_kpa: 0.1,
+            },
+            command: [0.1 / 3.0, 0.2, 1.5],
+            command_velocity: None,
+            quadrotor: None,
+            end_effector: (row != 2).then_some([0.1, 0.2 / 3.0, 0.8]),
+        };
+        let step = |row: usize, status: StepStatus| ControlStep {
+            row,
+            step_ms: 0.1 / 3.0,
+            report: StepReport {
+                status,
+                changes: 3,
+                active: 7,
+                residual: 1e-15 / 3.0,
+                delay_knots: 0.4,
+                delay_deviation_knots: 0.01,
+            },
+        };
+        let flight = Flight {
+            name: "controlled".into(),
+            samples: (0..4).map(sample).collect(),
+        };
+        // The last row has no step, as after the last command.
+        let steps = [
+            step(0, StepStatus::Optimal),
+            step(1, StepStatus::BudgetSpent),
+            step(2, StepStatus::Infeasible),
+        ];
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["controlled.csv", "controlled.mcap"] {
+            let path = folder.path().join(name);
+            write_controlled_flight(&path, &flight, &steps).unwrap();
+            assert_eq!(read_control_steps(&path).unwrap(), steps, "{name}");
+            assert_eq!(read_flight(&path).unwrap(), flight, "{name}");
+            write_controlled_flight(&path, &flight, &[]).unwrap();
+            assert_eq!(read_control_steps(&path).unwrap(), [], "{name}");
+        }
+    }
+}

@@ -81,7 +81,7 @@ impl NoiseLevels {
         },
         process: BodyNoise {
             quadrotor_m: 1.0,
-            attitude: 1.0,
+            attitude: 10.0,
             end_effector_m: 1.0,
         },
         disturbance: BodyNoise {
