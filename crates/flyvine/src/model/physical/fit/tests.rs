@@ -250,10 +250,11 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
     let found = &timing(&flights)[1];
     assert!((found.quadrotor_late_s.value - 0.02).abs() < 0.006, "{found}");
 
-    flights[1] = late(&good, 0.0, 0.0, 2e-3);
+    flights[1] = late(&good, 0.0, 0.0, 4e-3);
     let found = &timing(&flights)[1];
+    // Of 13 s: the prior holds a third of it back.
     assert!(
-        found.notable() && (found.drift.value - 2e-3).abs() < 5e-4,
+        found.notable() && (found.drift.value - 4e-3).abs() < 2e-3,
         "{found}"
     );
 
