@@ -41,7 +41,7 @@ pub struct FlyArguments {
     /// What to fly it on.
     #[arg(long, value_name = "VEHICLE")]
     vehicle: String,
-    /// The control law.
+    /// The control law; `mpc` wants a plan on physical models.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
     /// Settings of `--controller mpc` (TOML); what is left out takes its default.

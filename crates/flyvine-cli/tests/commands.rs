@@ -187,6 +187,27 @@ fn a_physical_bank_is_reported_excited_and_learnt_with() {
 }
 
 #[test]
+fn predictive_control_refuses_lag_models() {
+    let plan = demo_run().join("experiments/lemniscate_10s_ES/plan.json");
+    let out = tempfile::tempdir().unwrap();
+    let flight = out.path().join("flight.csv");
+    flyvine()
+        .args([
+            "fly".as_ref(),
+            plan.as_os_str(),
+            "--out".as_ref(),
+            flight.as_os_str(),
+        ])
+        .args(["--vehicle", "sim", "--controller", "mpc"])
+        .assert()
+        .code(2)
+        .stderr(contains(
+            "found models of the lag family; expected the physical family",
+        ));
+    assert!(!flight.exists());
+}
+
+#[test]
 fn a_tracking_flight_stays_in_the_room_and_says_how_it_ended() {
     let out = tempfile::tempdir().unwrap();
     let recording = out.path().join("flight.csv");

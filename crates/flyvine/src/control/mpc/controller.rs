@@ -8,7 +8,7 @@ use crate::control::estimator::{Estimator, EstimatorError, NoiseLevels};
 use crate::control::supervisor::Room;
 use crate::control::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{ControlStep, StepReport, StepStatus};
-use crate::model::ScheduledModel;
+use crate::model::{Model, ScheduledModel};
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -63,6 +63,12 @@ pub enum MpcError {
     /// The model or noise levels do not suit the estimator.
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
+    /// The plan's models are lag models: with them the horizon has been seen to fly out of the room.
+    #[error(
+        "found models of the lag family; expected the physical family (`fit --family physical`): on lag models \
+         model-predictive control is not stable"
+    )]
+    LagFamily,
     /// A setting that is not a number in its range.
     #[error("MPC option {name}: found {found}, expected {expected}")]
     Option {
@@ -164,6 +170,9 @@ impl<'a> ModelPredictive<'a> {
         room: &Room,
         options: &MpcOptions,
     ) -> Result<Self, MpcError> {
+        if matches!(model.at_knot(0), Model::Lag(_)) {
+            return Err(MpcError::LagFamily);
+        }
         options.validate()?;
         if end_effector.len() != trajectory.knots() {
             return Err(MpcError::Reference {
