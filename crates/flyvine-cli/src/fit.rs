@@ -172,7 +172,30 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     } else {
         print_report(&report, &checked)?;
     }
-    Ok(say_outcome(&report))
+    let outcome = say_outcome(&report);
+    let diverged = diverged_share(&checked);
+    if diverged > DIVERGED_SHARE {
+        say(&format!(
+            "warning: do not plan on this bank: {:.0} % of its 2.5-s rollouts diverge on the very flights that it was \
+             fitted on; try the other family (--family)",
+            100.0 * diverged
+        ));
+        return Ok(Outcome::Untrusted);
+    }
+    Ok(outcome)
+}
+
+/// Share of diverged windows that is not yet a pattern.
+const DIVERGED_SHARE: f64 = 0.02;
+
+/// Share of 2.5-s windows that diverge, of all flights together.
+fn diverged_share(checked: &CheckReport) -> f64 {
+    let (mut windows, mut diverged) = (0.0, 0.0);
+    for rollout in checked.flights.iter().filter_map(|flight| flight.rollout.get(2)) {
+        windows += rollout.windows as f64;
+        diverged += rollout.windows as f64 * rollout.diverged_share;
+    }
+    if windows > 0.0 { diverged / windows } else { 0.0 }
 }
 
 /// The recordings and their hashes.
