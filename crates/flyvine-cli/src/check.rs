@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use flyvine::model::{Bank, CheckReport, Extrapolation, PredictionBand, WindowKind, check};
+use flyvine::model::{CheckReport, PredictionBand, WindowKind, check};
 
 use crate::console::{centimetres, print, print_json, say, table};
-use crate::flights::{configuration_label, load_flights};
+use crate::flights::{configuration_label, load_flights, read_bank};
 use crate::outcome::{Blame, CommandResult, Outcome};
 
 /// Judge a bank on flights: one-step errors, and the end-effector error of whole rollouts.
@@ -36,14 +36,7 @@ pub struct CheckArguments {
 
 /// Runs `flyvine check`.
 pub fn run(arguments: &CheckArguments) -> CommandResult {
-    let extrapolation = if arguments.extrapolate {
-        Extrapolation::Allow
-    } else {
-        Extrapolation::Refuse
-    };
-    let bank = Bank::read(&arguments.bank)
-        .or_input()?
-        .with_extrapolation(extrapolation);
+    let bank = read_bank(&arguments.bank, arguments.extrapolate)?;
     let flights = load_flights(&arguments.flights)?;
     let report = check(&bank, &flights).or_input()?;
     if arguments.json {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use flyvine::flight::{Configuration, Corner, Flight, HygieneOptions, HygieneReport, clean, read_flight};
+use flyvine::model::{Bank, Extrapolation};
 
 use crate::console::say;
 use crate::outcome::{Blame, Failure};
@@ -23,6 +24,16 @@ pub fn load_flight(path: &Path) -> Result<(Flight, HygieneReport), Failure> {
         say(&format!("{}:\n{report}", path.display()));
     }
     Ok((flight, report))
+}
+
+/// Reads a bank; outside the configurations that were flown it answers only if `extrapolate` says so.
+pub fn read_bank(path: &Path, extrapolate: bool) -> Result<Bank, Failure> {
+    let extrapolation = if extrapolate {
+        Extrapolation::Allow
+    } else {
+        Extrapolation::Refuse
+    };
+    Ok(Bank::read(path).or_input()?.with_extrapolation(extrapolation))
 }
 
 /// `ES`, `IS`, `EL`, `IL` at the paper's corners, otherwise length and pressure; an arrow where it changes.

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use flyvine::file::sha256_hex;
-use flyvine::model::{Bank, Extrapolation};
 use flyvine::task::{Plan, PlanOptions, Task, make_plan, write_plan};
 
 use crate::console::{centimetres, print, print_json, say};
+use crate::flights::read_bank;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome};
 
 /// Plan a task on a bank: the commands that make the end effector go where the task says.
@@ -39,14 +39,7 @@ pub struct PlanArguments {
 /// Runs `flyvine plan`.
 pub fn run(arguments: &PlanArguments) -> CommandResult {
     let task = Task::read(&arguments.task).or_input()?;
-    let extrapolation = if arguments.extrapolate {
-        Extrapolation::Allow
-    } else {
-        Extrapolation::Refuse
-    };
-    let bank = Bank::read(&arguments.bank)
-        .or_input()?
-        .with_extrapolation(extrapolation);
+    let bank = read_bank(&arguments.bank, arguments.extrapolate)?;
     let options = PlanOptions {
         task_sha256: hash(&arguments.task)?,
         bank_sha256: hash(&arguments.bank)?,

@@ -2,52 +2,16 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
 
-use flyvine::flight::{Flight, HygieneOptions, Mapping, clean, read_flight};
+mod common;
+
+use common::{flights, reference_flights, shared_data};
+use flyvine::flight::{Flight, Mapping};
 use flyvine::model::{
     CheckReport, Finding, FitOptions, LagModel, Refinement, Ridge, Structure, check, fit_bank,
     spectral_radius,
 };
 use flyvine::trajopt::Dynamics;
-use std::path::{Path, PathBuf};
-
-/// Folder of the shared data, or `None` (said on stderr) where it is absent and not required.
-fn shared_data() -> Option<PathBuf> {
-    let beside_workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let folder = std::env::var_os("FLYVINE_SHARED_DATA").map_or(beside_workspace, PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    let required = std::env::var_os("FLYVINE_REQUIRE_SHARED_DATA").is_some_and(|value| value == "1");
-    assert!(
-        !required,
-        "shared data required, but {} is absent",
-        folder.display()
-    );
-    eprintln!("skipped: no shared data at {}", folder.display());
-    None
-}
-
-/// The recordings in `folder` whose names match, by name, cleaned.
-fn flights(folder: &Path, matches: impl Fn(&str) -> bool, read: impl Fn(&Path) -> Flight) -> Vec<Flight> {
-    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| matches(path.file_name().unwrap().to_str().unwrap()))
-        .collect();
-    paths.sort();
-    let cleaned = |path: &PathBuf| {
-        let mut flight = read(path);
-        clean(&mut flight, &HygieneOptions::default());
-        flight
-    };
-    paths.iter().map(cleaned).collect()
-}
-
-fn reference_flights(matches: impl Fn(&str) -> bool) -> Option<Vec<Flight>> {
-    Some(flights(&shared_data()?.join("flights"), matches, |path| {
-        read_flight(path).unwrap()
-    }))
-}
+use std::path::Path;
 
 /// Median error, m, and share diverged of `flight` at `horizon_s`.
 fn rollout(report: &CheckReport, flight: &str, horizon_s: f64) -> (f64, f64) {
@@ -129,7 +93,7 @@ fn the_papers_structure_plain_is_the_papers_result() {
 
 #[test]
 fn a_slung_load_needs_more_than_plain_least_squares_and_gets_it() {
-    let Some(folder) = shared_data().map(|data| data.join("slung_load/cf_slung_single")) else {
+    let Some(folder) = shared_data("slung_load").map(|data| data.join("slung_load/cf_slung_single")) else {
         return;
     };
     let mappings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/mappings");
@@ -170,7 +134,7 @@ fn a_slung_load_needs_more_than_plain_least_squares_and_gets_it() {
 
 #[test]
 fn the_first_authors_five_lag_models_are_read_and_rolled_out() {
-    let Some(folder) = shared_data().map(|data| data.join("author")) else {
+    let Some(folder) = shared_data("author").map(|data| data.join("author")) else {
         return;
     };
     // Tip minus quadrotor height where the command rests at 1.5 m, m: (I − A)⁻¹ B u by numpy.linalg.solve.

@@ -2,45 +2,16 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
 
-use flyvine::flight::{Flight, HygieneOptions, clean, read_flight};
+mod common;
+
+use common::reference_flights;
+use flyvine::flight::Flight;
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{
     Bank, CheckReport, Family, FamilyOptions, FitOptions, WindowKind, check, fit_families, fit_physical_bank,
 };
-use std::path::{Path, PathBuf};
 
 const CORNERS: [&str; 4] = ["ES", "IS", "EL", "IL"];
-
-/// The reference vehicle's flights whose names match, by name, cleaned; `None` (said on stderr) where the shared
-/// data are absent and not required.
-fn flights(matches: impl Fn(&str) -> bool) -> Option<Vec<Flight>> {
-    let beside_workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let folder = std::env::var_os("FLYVINE_SHARED_DATA")
-        .map_or(beside_workspace, PathBuf::from)
-        .join("flights");
-    if !folder.is_dir() {
-        let required = std::env::var_os("FLYVINE_REQUIRE_SHARED_DATA").is_some_and(|value| value == "1");
-        assert!(
-            !required,
-            "shared data required, but {} is absent",
-            folder.display()
-        );
-        eprintln!("skipped: no shared data at {}", folder.display());
-        return None;
-    }
-    let mut paths: Vec<PathBuf> = std::fs::read_dir(&folder)
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| matches(path.file_name().unwrap().to_str().unwrap()))
-        .collect();
-    paths.sort();
-    let cleaned = |path: &PathBuf| {
-        let mut flight = read_flight(path).unwrap();
-        clean(&mut flight, &HygieneOptions::default());
-        flight
-    };
-    Some(paths.iter().map(cleaned).collect())
-}
 
 /// (median, p95, diverged share) of a flight at a horizon, cm.
 fn error_cm(report: &CheckReport, flight: &str, horizon_s: f64) -> (f64, f64, f64) {
@@ -68,10 +39,12 @@ fn three_flights_of_one_corner_predict_a_fourth() {
             .iter()
             .any(|wanted| name.starts_with(wanted))
     };
-    let Some(flights_) = flights(train) else { return };
+    let Some(train_flights) = reference_flights(train) else {
+        return;
+    };
     let (bank, report) =
-        fit_physical_bank(&flights_, &PhysicalFitOptions::default(), &mut |_, _| {}).unwrap();
-    let test = flights(|name| name.starts_with("ES_test1")).unwrap();
+        fit_physical_bank(&train_flights, &PhysicalFitOptions::default(), &mut |_, _| {}).unwrap();
+    let test = reference_flights(|name| name.starts_with("ES_test1")).unwrap();
     let checked = check(&bank, &test).unwrap();
     for horizon_s in [2.5, 10.0] {
         let (median, p95, diverged) = error_cm(&checked, "ES_test1", horizon_s);
@@ -103,9 +76,11 @@ fn three_flights_of_one_corner_predict_a_fourth() {
 fn every_corner_meets_its_bar_from_six_flights_and_from_two() {
     let judge =
         |name: &str| name.contains("_test1") || name.starts_with("mid_") || name.starts_with("growing_1");
-    let Some(test) = flights(judge) else { return };
+    let Some(test) = reference_flights(judge) else {
+        return;
+    };
     for (fitted, bar_cm) in [("_train", 1.5), ("_author", 1.8)] {
-        let members = flights(|name| name.contains(fitted)).unwrap();
+        let members = reference_flights(|name| name.contains(fitted)).unwrap();
         let bank = bank_of(&members, Family::Physical);
         let checked = check(&bank, &test).unwrap();
         let mut worst_corner = [0.0_f64; 2];
@@ -141,8 +116,10 @@ fn every_corner_meets_its_bar_from_six_flights_and_from_two() {
 fn bands_of_confidence_cover_what_they_promise() {
     let judge =
         |name: &str| name.contains("_test1") || name.starts_with("mid_") || name.starts_with("growing_1");
-    let Some(test) = flights(judge) else { return };
-    let members = flights(|name| name.contains("_train")).unwrap();
+    let Some(test) = reference_flights(judge) else {
+        return;
+    };
+    let members = reference_flights(|name| name.contains("_train")).unwrap();
     for family in [Family::Lag, Family::Physical] {
         let checked = check(&bank_of(&members, family), &test).unwrap();
         for pooled in checked

@@ -3,29 +3,15 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // tables for people, and why a test was skipped
 
+mod common;
+
+use common::shared_data;
 use flyvine::sim::paper;
 use flyvine::sim::replay::{ReplayRow, replay_table};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use std::path::{Path, PathBuf};
-
-/// The folder of shared data, or `None` (said aloud) where it is absent and may be.
-fn shared_data() -> Option<PathBuf> {
-    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let folder = std::env::var_os("FLYVINE_SHARED_DATA").map_or(default, PathBuf::from);
-    if folder.join("author/commands").is_dir() {
-        return Some(folder);
-    }
-    assert!(
-        std::env::var_os("FLYVINE_REQUIRE_SHARED_DATA").is_none_or(|value| value != "1"),
-        "{} is required and absent",
-        folder.display()
-    );
-    println!("skipped: {} is absent", folder.display());
-    None
-}
 
 fn rows() -> Option<Vec<ReplayRow>> {
-    let folder = shared_data()?;
+    let folder = shared_data("author/commands")?;
     let recordings = paper::recordings(&folder.join("author/commands"), &folder.join("paper_figures"))
         .expect("the shared data are complete");
     let vehicle = SimulatedVehicle::new(VehicleParameters::default()).expect("defaults are valid");

@@ -145,19 +145,12 @@ impl<'a> Replanning<'a> {
 impl Controller for Replanning<'_> {
     fn propose(&mut self, tick: &Tick) -> Proposal {
         self.estimator.update(tick);
-        let delay = self.estimator.delay_knots().0;
-        let whole = delay.round();
         let mut state = vec![0.0; self.model.state_len()];
-        self.estimator.foresee(
-            tick.knot,
-            whole as usize,
-            delay - whole,
-            &mut state,
-            &mut self.push,
-            &mut self.gust,
-        );
+        let lateness = self
+            .estimator
+            .foresee(tick.knot, &mut state, &mut self.push, &mut self.gust);
         // Commands that would act after the plan's end no longer matter.
-        let knot = tick.knot + whole as usize;
+        let knot = tick.knot + lateness.whole;
         if knot + 1 >= self.trajectory.knots() {
             return Proposal::Command(tick.held_command);
         }

@@ -56,18 +56,11 @@ impl<'a> Tracking<'a> {
 impl Controller for Tracking<'_> {
     fn propose(&mut self, tick: &Tick) -> Proposal {
         self.estimator.update(tick);
-        let delay = self.estimator.delay_knots().0;
-        let whole = delay.round();
-        self.estimator.foresee(
-            tick.knot,
-            whole as usize,
-            delay - whole,
-            &mut self.state,
-            &mut self.steady,
-            &mut self.gust,
-        );
+        let lateness = self
+            .estimator
+            .foresee(tick.knot, &mut self.state, &mut self.steady, &mut self.gust);
         // Commands that would act after the plan's end no longer matter.
-        let knot = (tick.knot + whole as usize).min(self.gains.len() - 1);
+        let knot = (tick.knot + lateness.whole).min(self.gains.len() - 1);
         let planned = self.trajectory.state(knot);
         let mut command = self.trajectory.command(knot);
         for (entry, gains) in command.iter_mut().zip(self.gains[knot].row_iter()) {

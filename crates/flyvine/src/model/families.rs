@@ -228,27 +228,38 @@ struct Judged {
 }
 
 fn judge(bank: &Bank, held_out: &[Flight], interior: &[Flight]) -> Result<Judged, ModelError> {
-    let windows = |flights: &[Flight], horizons: &[usize]| {
+    let windows = |flights: &[Flight]| {
         flights
             .par_iter()
-            .map(|flight| Ok(predict(bank, flight)?.windows(horizons)))
+            .map(|flight| Ok(predict(bank, flight)?.windows(&check::HORIZONS)))
             .collect::<Result<Vec<Vec<Vec<WindowError>>>, ModelError>>()
     };
+    let (held_out_windows, interior_windows) = (windows(held_out)?, windows(interior)?);
     let mut by_horizon = vec![Vec::new(); check::HORIZONS.len()];
-    let mut names = Vec::new();
-    for flights in [held_out, interior] {
-        names.extend(flights.iter().map(|flight| flight.name.clone()));
-        for own in windows(flights, &check::HORIZONS)? {
-            for (all, here) in by_horizon.iter_mut().zip(own) {
-                all.extend(here);
-            }
+    for own in held_out_windows.iter().chain(&interior_windows) {
+        for (all, here) in by_horizon.iter_mut().zip(own) {
+            all.extend(here.iter().copied());
         }
     }
+    let names = held_out.iter().chain(interior).map(|flight| flight.name.clone());
     Ok(Judged {
-        corners: pool(&windows(held_out, &selection::HORIZONS)?),
-        interior: pool(&windows(interior, &selection::HORIZONS)?),
-        band: PredictionBand::of_windows(&check::HORIZONS, &by_horizon, names),
+        corners: pool(&at_selection_horizons(held_out_windows)),
+        interior: pool(&at_selection_horizons(interior_windows)),
+        band: PredictionBand::of_windows(&check::HORIZONS, &by_horizon, names.collect()),
     })
+}
+
+/// Of windows at [`check::HORIZONS`], those at [`selection::HORIZONS`], which are among them.
+fn at_selection_horizons(flights: Vec<Vec<Vec<WindowError>>>) -> Vec<Vec<Vec<WindowError>>> {
+    let chosen = |windows: Vec<Vec<WindowError>>| {
+        check::HORIZONS
+            .iter()
+            .zip(windows)
+            .filter(|(horizon, _)| selection::HORIZONS.contains(horizon))
+            .map(|(_, windows)| windows)
+            .collect()
+    };
+    flights.into_iter().map(chosen).collect()
 }
 
 /// The corners' flights, without and with only what is held out. Interior flights are in neither.

@@ -89,6 +89,15 @@ pub struct Estimator<'a> {
     surprise: Surprise,
 }
 
+/// How late commands are: `whole` knots, and a `fraction` of −½ to ½ of a knot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lateness {
+    /// Whole knots.
+    pub whole: usize,
+    /// What is left.
+    pub fraction: f64,
+}
+
 /// How well the last correction was foreseen.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Surprise {
@@ -280,17 +289,17 @@ impl<'a> Estimator<'a> {
         self.correct(observation);
     }
 
-    /// Writes z `whole` knots after `knot` into `state` (n), under the commands that have left, arriving `fraction` of
-    /// a knot later still; and what disturbances and gusts will add to the fresh entries from then on.
+    /// Looks ahead to the knot at which a command sent at `knot` begins to act: writes z there into `state` (n), under
+    /// the commands that have left, and what disturbances and gusts will add to the fresh entries from then on.
     pub fn foresee(
         &mut self,
         knot: usize,
-        whole: usize,
-        fraction: f64,
         state: &mut [f64],
         steady: &mut [f64],
         gust: &mut [f64],
-    ) {
+    ) -> Lateness {
+        let delay = self.delay_knots().0;
+        let (whole, fraction) = (delay.round() as usize, delay - delay.round());
         state.copy_from_slice(self.state());
         self.write_push(steady, gust);
         for ahead in 0..whole {
@@ -306,6 +315,7 @@ impl<'a> Estimator<'a> {
             state.copy_within(..n - fresh, fresh);
             state[..fresh].copy_from_slice(&self.fresh);
         }
+        Lateness { whole, fraction }
     }
 
     /// Takes in the poses that were seen.

@@ -241,15 +241,9 @@ impl Controller for ModelPredictive<'_> {
         let budget = self.budget(tick.knot);
         self.estimator.update(tick);
         let (delay, delay_deviation) = self.estimator.delay_knots();
-        let whole = delay.round();
-        self.estimator.foresee(
-            tick.knot,
-            whole as usize,
-            delay - whole,
-            &mut self.state,
-            &mut self.push,
-            &mut self.gust,
-        );
+        let lateness = self
+            .estimator
+            .foresee(tick.knot, &mut self.state, &mut self.push, &mut self.gust);
         let mut command = tick.held_command;
         let mut solved = QpReport {
             status: StepStatus::Optimal,
@@ -258,14 +252,14 @@ impl Controller for ModelPredictive<'_> {
             residual: 0.0,
         };
         // Commands that would act after the plan's end no longer matter.
-        if let Some(window) = self.plan.window(tick.knot + whole as usize) {
+        if let Some(window) = self.plan.window(tick.knot + lateness.whole) {
             let start = Start {
                 state: &self.state,
                 held_command: &tick.held_command,
                 disturbance: &self.push,
                 gust: &self.gust,
                 decay: self.estimator.gust_decay(),
-                delay: delay - whole,
+                delay: lateness.fraction,
             };
             solved = self.horizon.solve(&window, &start, budget);
             command.copy_from_slice(&self.horizon.commands()[..3]);

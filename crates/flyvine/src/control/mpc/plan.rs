@@ -42,20 +42,7 @@ impl<'a> LinearizedPlan<'a> {
     ) -> Result<Self, CondensedError> {
         let stage = Stage::of(model);
         let (knots, steps) = (trajectory.knots(), trajectory.knots() - 1);
-        let mut jacobians = Vec::with_capacity(steps * stage.jacobian_len());
-        let mut jacobian = vec![0.0; stage.fresh * (stage.state + stage.command)];
-        for knot in 0..steps {
-            model.jacobian(
-                knot,
-                trajectory.state(knot),
-                &trajectory.command(knot),
-                &mut jacobian,
-            );
-            for row in jacobian.chunks_exact(stage.state + stage.command) {
-                jacobians.extend_from_slice(row);
-                jacobians.resize(jacobians.len().next_multiple_of(stage.stride()), 0.0);
-            }
-        }
+        let jacobians = jacobians_along(trajectory, model);
         let mut state_reference = Vec::with_capacity(knots * stage.state);
         for (knot, tip) in end_effector.iter().enumerate() {
             state_reference.extend_from_slice(trajectory.state(knot));
