@@ -172,30 +172,7 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     } else {
         print_report(&report, &checked)?;
     }
-    let outcome = say_outcome(&report);
-    let diverged = diverged_share(&checked);
-    if diverged > DIVERGED_SHARE {
-        say(&format!(
-            "warning: do not plan on this bank: {:.0} % of its 2.5-s rollouts diverge on the very flights that it was \
-             fitted on; try the other family (--family)",
-            100.0 * diverged
-        ));
-        return Ok(Outcome::Untrusted);
-    }
-    Ok(outcome)
-}
-
-/// Share of diverged windows that is not yet a pattern.
-const DIVERGED_SHARE: f64 = 0.02;
-
-/// Share of 2.5-s windows that diverge, of all flights together.
-fn diverged_share(checked: &CheckReport) -> f64 {
-    let (mut windows, mut diverged) = (0.0, 0.0);
-    for rollout in checked.flights.iter().filter_map(|flight| flight.rollout.get(2)) {
-        windows += rollout.windows as f64;
-        diverged += rollout.windows as f64 * rollout.diverged_share;
-    }
-    if windows > 0.0 { diverged / windows } else { 0.0 }
+    Ok(say_outcome(&report))
 }
 
 /// The recordings and their hashes.
@@ -256,10 +233,7 @@ fn print_report(report: &FamiliesReport, checked: &CheckReport) -> Result<(), Fa
 
 /// How the families did on held-out flights.
 fn family_table(report: &FamiliesReport) -> String {
-    let chosen = match report.chosen {
-        Chosen::Lag(_) => Family::Lag,
-        Chosen::Physical(_) => Family::Physical,
-    };
+    let chosen = report.chosen.family();
     let error = |error: &Option<HeldOutError>| {
         error.map_or("–".to_owned(), |error| {
             format!("{} ({} windows)", centimetres(error.mean_m), error.windows)
@@ -322,7 +296,7 @@ fn candidate_table(report: &FitReport) -> String {
 
 /// Says what the user should know about a fit; the result is not to be trusted if a finding says so.
 pub fn say_outcome(report: &FamiliesReport) -> Outcome {
-    match &report.chosen {
+    let mut outcome = match &report.chosen {
         Chosen::Lag(report) => say_findings(&report.findings),
         Chosen::Physical(report) => {
             for warning in physical_report::warnings(report) {
@@ -330,7 +304,17 @@ pub fn say_outcome(report: &FamiliesReport) -> Outcome {
             }
             Outcome::Done
         }
+    };
+    for family in &report.diverging {
+        let why = format!("{family} family: rollouts diverge on the very flights that it was fitted on");
+        if *family == report.chosen.family() {
+            say(&format!("warning: do not plan on this bank: {why}"));
+            outcome = Outcome::Untrusted;
+        } else {
+            say(&format!("note: not chosen: {why}"));
+        }
     }
+    outcome
 }
 
 fn say_findings(findings: &[Finding]) -> Outcome {

@@ -8,7 +8,7 @@ use super::band::PredictionBand;
 use super::bank::Bank;
 use super::check::{self, predict};
 use super::error::ModelError;
-use super::fit::{FitReport, Groups, fit_bank, group};
+use super::fit::{FitReport, Groups, STRAY_SHARE, fit_bank, group};
 use super::options::FitOptions;
 use super::physical::{FitProgress, PhysicalFitOptions};
 use super::physical_bank::{PhysicalFitReport, fit_physical_bank, refit_physical_bank};
@@ -72,6 +72,9 @@ pub struct FamiliesReport {
     pub trials: Vec<FamilyTrial>,
     /// Names of the flights that judged; with few flights, the last third of each.
     pub held_out: Vec<String>,
+    /// Families whose fit on all flights does not follow these very flights: more than a stray rollout diverges.
+    /// The one that was kept is among them only if no other could be fitted.
+    pub diverging: Vec<Family>,
     /// The fit that was kept.
     pub chosen: Chosen,
 }
@@ -100,6 +103,16 @@ pub enum FamilyProgress<'a> {
     Chosen(Family),
 }
 
+impl Chosen {
+    /// The family.
+    pub fn family(&self) -> Family {
+        match self {
+            Chosen::Lag(_) => Family::Lag,
+            Chosen::Physical(_) => Family::Physical,
+        }
+    }
+}
+
 impl FamilyTrial {
     /// What is minimized, m: the mean of both errors.
     pub fn score_m(&self) -> Option<f64> {
@@ -112,7 +125,8 @@ impl FamilyTrial {
     }
 }
 
-/// Tries the families on held-out flights, fits the best on everything, and measures its band of confidence.
+/// Tries the families on held-out flights, fits the best on everything, and measures its band of confidence. A family
+/// whose rollouts diverge on the very flights that it was fitted on gives way to the next.
 ///
 /// # Errors
 /// No family; what the only family that was asked for, or every one of them, has to say against the flights
@@ -131,7 +145,7 @@ pub fn fit_families(
         .iter()
         .map(|&index| flights[index].clone())
         .collect();
-    let mut best: Option<(f64, Family, Bank, Option<PredictionBand>)> = None;
+    let mut candidates = Vec::new();
     let mut trials = Vec::new();
     for &family in &options.families {
         progress(FamilyProgress::Trying(family));
@@ -141,58 +155,86 @@ pub fn fit_families(
             interior: None,
             failure: None,
         };
+        let mut candidate = Candidate {
+            family,
+            start: None,
+            band: None,
+            score_m: f64::INFINITY,
+        };
         match fit_one(family, &kept, None, options, progress)
             .and_then(|(bank, _)| Ok((judge(&bank, &held_out, &interior)?, bank)))
         {
             Ok((judged, bank)) => {
                 (trial.corners, trial.interior) = (judged.corners, judged.interior);
-                let score = trial.score_m().unwrap_or(f64::INFINITY);
-                if best.as_ref().is_none_or(|(least, ..)| score < *least) {
-                    best = Some((score, family, bank, judged.band));
-                }
+                candidate.score_m = trial.score_m().unwrap_or(f64::INFINITY);
+                (candidate.start, candidate.band) = (Some(bank), judged.band);
             }
             Err(error) => {
                 trial.failure = Some(error.to_string());
             }
         }
+        candidates.push(candidate);
         progress(FamilyProgress::Tried(&trial));
         trials.push(trial);
     }
-    // Without a trial (flights too few or too short to hold any out) the first family that can be fitted.
-    let candidates: Vec<(Family, Option<Bank>, Option<PredictionBand>)> = match best {
-        Some((_, family, bank, band)) => vec![(family, Some(bank), band)],
-        None => options
-            .families
-            .iter()
-            .map(|&family| (family, None, None))
-            .collect(),
-    };
+    // The best in its trial first; those that could not be tried, for want of flights, last.
+    candidates
+        .sort_by(|a, b| (a.score_m.total_cmp(&b.score_m)).then(a.start.is_none().cmp(&b.start.is_none())));
     let mut refused = None; // what all flights lack says more than what the kept ones did
-    for (family, start, band) in candidates {
-        progress(FamilyProgress::Chosen(family));
-        match fit_one(family, flights, start.as_ref(), options, progress) {
+    let (mut fitted, mut diverging) = (None, Vec::new());
+    for candidate in candidates {
+        progress(FamilyProgress::Chosen(candidate.family));
+        match fit_one(
+            candidate.family,
+            flights,
+            candidate.start.as_ref(),
+            options,
+            progress,
+        ) {
             Ok((bank, chosen)) => {
-                let report = FamiliesReport {
-                    trials,
-                    held_out: held_out
-                        .iter()
-                        .chain(&interior)
-                        .map(|flight| flight.name.clone())
-                        .collect(),
-                    chosen,
-                };
-                return Ok((bank.with_band(band)?, report));
+                let followed = judge(&bank, flights, &[])?.corners;
+                let follows = followed.is_none_or(|error| error.diverged_share <= STRAY_SHARE);
+                if follows || fitted.is_none() {
+                    fitted = Some((bank.with_band(candidate.band)?, chosen));
+                }
+                if follows {
+                    break;
+                }
+                diverging.push(candidate.family);
             }
             Err(error) => {
                 refused.get_or_insert(error);
             }
         }
     }
+    if let Some((bank, chosen)) = fitted {
+        let report = FamiliesReport {
+            trials,
+            held_out: held_out
+                .iter()
+                .chain(&interior)
+                .map(|flight| flight.name.clone())
+                .collect(),
+            diverging,
+            chosen,
+        };
+        return Ok((bank, report));
+    }
     Err(refused.unwrap_or(ModelError::Unsupported {
         what: "families to try",
         found: "none".into(),
         expected: "lag, physical, or both".into(),
     }))
+}
+
+/// A family, and what its trial left.
+struct Candidate {
+    family: Family,
+    /// Its models of the kept flights.
+    start: Option<Bank>,
+    band: Option<PredictionBand>,
+    /// Infinite where there was nothing to judge by.
+    score_m: f64,
 }
 
 /// Fits one family; the physical one begins with `start` where there is one.

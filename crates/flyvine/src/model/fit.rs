@@ -25,7 +25,7 @@ const HEIGHT_RIDGES: [f64; 8] = [0.0, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0];
 /// noise moves it a little either way.
 const UNSTABLE: f64 = 1.005;
 /// Share of diverged windows that is not yet a pattern.
-const STRAY_SHARE: f64 = 0.02;
+pub(crate) const STRAY_SHARE: f64 = 0.02;
 
 /// What a fit tried, chose and noticed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
