@@ -51,7 +51,8 @@ pub struct FlyArguments {
     /// step is solved to the end.
     #[arg(long, value_name = "MS", value_parser = parse_positive)]
     step_limit_ms: Option<f64>,
-    /// Fly this often, learning from lap to lap, each lap with the next seed; the best lap is written.
+    /// Fly this often, learning from lap to lap, each lap with the next seed; every lap is kept beside --out
+    /// (`flight_lap_1.mcap`, …), which becomes the best of those that were flown to the end.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     laps: u32,
     /// Where to write the recording: .mcap (opens in Foxglove, Rerun and PlotJuggler) or .csv.
@@ -120,6 +121,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     };
     let mut learning = LapLearning::new(plan.reference.clone());
     let mut best: Option<(f64, FlightOutcome)> = None;
+    let mut ended = Outcome::Done;
     for lap in 0..u64::from(arguments.laps) {
         flying.reference = Some(learning.reference().to_vec());
         let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
@@ -144,27 +146,43 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
         if let (true, Some(error_m)) = (arguments.laps > 1, error_m) {
             say(&format!("lap {}: {} cm", lap + 1, centimetres_fine(error_m)));
         }
-        let aborted = matches!(outcome.end, End::Aborted { .. });
-        let error_m = error_m.unwrap_or(f64::INFINITY);
-        if aborted || best.as_ref().is_none_or(|(best_m, _)| error_m < *best_m) {
+        if arguments.laps > 1 {
+            write_recording(&lap_path(&arguments.out, lap + 1), &outcome)?;
+        }
+        if let End::Aborted { t_s, cause } = &outcome.end {
+            say(&format!("flight aborted at {t_s:.2} s: {cause}"));
+            ended = Outcome::Untrusted;
+        }
+        let error_m = match ended {
+            Outcome::Done => error_m.unwrap_or(f64::INFINITY),
+            Outcome::Untrusted => f64::INFINITY,
+        };
+        if best.as_ref().is_none_or(|(best_m, _)| error_m < *best_m) {
             best = Some((error_m, outcome));
         }
-        if aborted {
+        if ended == Outcome::Untrusted {
             break;
         }
     }
     let (_, outcome) = best.expect("at least one lap");
-    write_controlled_flight(&arguments.out, &outcome.flight, &outcome.steps).or_internal()?;
+    write_recording(&arguments.out, &outcome)?;
+    Ok(ended)
+}
+
+fn write_recording(path: &Path, outcome: &FlightOutcome) -> Result<(), Failure> {
+    write_controlled_flight(path, &outcome.flight, &outcome.steps).or_internal()?;
     say(&format!(
         "wrote {} ({} rows)",
-        arguments.out.display(),
+        path.display(),
         outcome.flight.samples.len()
     ));
-    if let End::Aborted { t_s, cause } = &outcome.end {
-        say(&format!("flight aborted at {t_s:.2} s: {cause}"));
-        return Ok(Outcome::Untrusted);
-    }
-    Ok(Outcome::Done)
+    Ok(())
+}
+
+/// `flight_lap_2.mcap` beside `flight.mcap`.
+fn lap_path(out: &Path, lap: u64) -> PathBuf {
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    out.with_file_name(format!("{stem}_lap_{lap}.{}", extension(out)))
 }
 
 /// Flies a plan with its task's command bounds.

@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use flyvine::control::End;
 use flyvine::file::sha256_hex;
 use flyvine::flight::{Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::{Bank, InputFile, Learner, Lesson};
@@ -59,6 +60,7 @@ pub struct LearnArguments {
 #[derive(Serialize)]
 struct Round {
     converged: bool,
+    aborted: bool,
     score: Score,
     /// `None` after the last flight.
     lesson: Option<Lesson>,
@@ -89,8 +91,11 @@ pub fn run(arguments: &LearnArguments) -> CommandResult {
         let bank_path = arguments.out.join(format!("bank_round_{number}.json"));
         learner.bank().write(&bank_path).or_internal()?;
         let (mut round, flight) = fly_round(arguments, &task, learner.bank(), &bank_path, &folder, number)?;
-        let complete = round.score.rows_missing == 0;
-        if number < arguments.rounds {
+        if round.score.rows_missing > 0 {
+            say("warning: end-effector poses are missing from this flight");
+        }
+        let aborted = round.aborted;
+        if number < arguments.rounds && !aborted {
             say(&format!(
                 "round {number}: {}; refitting …",
                 describe(&round.score)
@@ -98,8 +103,9 @@ pub fn run(arguments: &LearnArguments) -> CommandResult {
             round.lesson = Some(learner.learn(flight).or_input()?);
         }
         rounds.push(round);
-        if !complete {
-            say("warning: end-effector poses are missing from this flight");
+        if aborted {
+            say("warning: nothing is learnt from an aborted flight, and nothing more is flown");
+            break;
         }
     }
     write_json(&arguments.out.join("learn.json"), &rounds)?;
@@ -108,11 +114,11 @@ pub fn run(arguments: &LearnArguments) -> CommandResult {
     } else {
         print(&round_table(&rounds))?;
     }
-    let converged = rounds.last().is_some_and(|round| round.converged);
-    if !converged {
+    let last = rounds.last().expect("at least one flight");
+    if !last.converged {
         say("warning: the last plan did not converge");
     }
-    Ok(if converged {
+    Ok(if last.converged && !last.aborted {
         Outcome::Done
     } else {
         Outcome::Untrusted
@@ -177,6 +183,9 @@ fn fly_round(
         seed,
         &mut |_, _| ControlFlow::Continue(()),
     )?;
+    if let End::Aborted { t_s, cause } = &outcome.end {
+        say(&format!("round {number}: flight aborted at {t_s:.2} s: {cause}"));
+    }
     if let Err(error) = vehicle.close() {
         say(&format!(
             "warning: the vehicle did not end in good order: {error}"
@@ -185,11 +194,14 @@ fn fly_round(
     let mut flight = outcome.flight;
     flight.name = format!("{}_round_{number}", task.name);
     write_flight(&folder.join("flight.csv"), &flight).or_internal()?;
+    // Behind an abort the position was held for a while.
+    flight.samples.truncate(plan.knots());
     clean(&mut flight, &HygieneOptions::default());
     let score = score_flight(&plan, &flight)?;
     write_json(&folder.join("score.json"), &score)?;
     let round = Round {
         converged: plan.solve.converged,
+        aborted: matches!(outcome.end, End::Aborted { .. }),
         score,
         lesson: None,
     };
