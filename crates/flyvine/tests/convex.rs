@@ -211,6 +211,7 @@ fn relaxing_helps(case: &str, benchmark: &BenchmarkProblem, diagnosis: Vec<flyvi
             index: equality.index,
             lower: equality.value - by,
             upper: equality.value + by,
+            price: f64::INFINITY,
         });
     }
     assert!(
@@ -238,7 +239,8 @@ fn disturbed(random: &mut ChaCha8Rng) -> BenchmarkProblem {
     for reference in &mut problem.command_reference {
         *reference += random.random_range(-0.1..=0.1);
     }
-    let shift = [random.random_range(-0.5..=0.5), random.random_range(-0.5..=0.5)];
+    // From well within reach to well beyond it.
+    let shift = [random.random_range(-1.0..=3.0), random.random_range(-0.5..=1.0)];
     for equality in &mut problem.equalities {
         equality.value += shift[usize::from(equality.index == 8)];
     }
@@ -257,7 +259,10 @@ fn campaign(count: usize) {
         .filter(|case| agree(&format!("case {case}"), &disturbed(&mut random)))
         .count();
     println!("{feasible} of {count} swings are feasible, by both solvers");
-    assert!(feasible > count / 2);
+    assert!(
+        feasible > count / 10 && feasible < count,
+        "{feasible} of {count} feasible: too one-sided to say much"
+    );
 }
 
 #[test]
