@@ -7,6 +7,7 @@ use flyvine::model::{Bank, FitOptions, Refinement, Ridge, fit_bank};
 use flyvine::task::{PlanOptions, Task, make_ensemble_plan};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 const MEMBERS: usize = 8;
@@ -45,14 +46,13 @@ fn training_flights() -> Option<Vec<Flight>> {
     Some(paths.iter().map(read).collect())
 }
 
-/// A bank fitted to as many flights as there are, drawn with replacement.
+/// A bank fitted to the distinct flights among as many as there are, drawn with replacement.
 fn resampled_bank(flights: &[Flight], random: &mut ChaCha8Rng) -> Bank {
-    let draw = |i: usize, random: &mut ChaCha8Rng| {
-        let mut flight = flights[random.random_range(0..flights.len())].clone();
-        flight.name = format!("{i}_{}", flight.name);
-        flight
-    };
-    let drawn: Vec<Flight> = (0..flights.len()).map(|i| draw(i, random)).collect();
+    let drawn: BTreeSet<usize> = flights
+        .iter()
+        .map(|_| random.random_range(0..flights.len()))
+        .collect();
+    let drawn: Vec<Flight> = drawn.into_iter().map(|i| flights[i].clone()).collect();
     let options = FitOptions {
         height_ridge: Ridge::Value(1e-3),
         linear_ridge: Ridge::Value(0.0),
