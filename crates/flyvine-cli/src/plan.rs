@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use flyvine::file::sha256_hex;
-use flyvine::task::{Plan, PlanOptions, Task, make_plan, write_plan};
+use flyvine::task::{Plan, PlanOptions, Task, make_ensemble_plan, make_plan, write_plan};
 
 use crate::console::{centimetres, print, print_json, say};
 use crate::flights::read_bank;
@@ -15,16 +15,20 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome};
 /// The result carries its task, its bank, the predicted motion and time-varying feedback gains. Exit code 3 if the
 /// solver did not converge or the bank was extrapolated; the best commands found are written all the same.
 ///
+/// Several banks are an ensemble (fits of other flights, say): one command is planned for all of them, the mean of
+/// their costs is minimized, and every one keeps the state bounds. Of a swing's target it minimizes their mean distance.
+///
 ///   flyvine plan examples/tasks/swing_ES.toml --bank bank.json --out plan.json
+///   flyvine plan examples/tasks/swing_ES.toml --bank a.json --bank b.json --bank c.json --out plan.json
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct PlanArguments {
     /// The task (see examples/tasks).
     #[arg(value_name = "TASK.toml")]
     task: PathBuf,
-    /// The models to plan on.
-    #[arg(long, value_name = "BANK.json")]
-    bank: PathBuf,
+    /// The models to plan on; several are an ensemble, whose first is what the plan's gains and score refer to.
+    #[arg(long = "bank", value_name = "BANK.json", required = true)]
+    banks: Vec<PathBuf>,
     /// Where to write the plan.
     #[arg(long, value_name = "PLAN.json")]
     out: PathBuf,
@@ -39,17 +43,28 @@ pub struct PlanArguments {
 /// Runs `flyvine plan`.
 pub fn run(arguments: &PlanArguments) -> CommandResult {
     let task = Task::read(&arguments.task).or_input()?;
-    let bank = read_bank(&arguments.bank, arguments.extrapolate)?;
+    let mut banks = Vec::new();
+    let mut hashes = Vec::new();
+    for path in &arguments.banks {
+        banks.push(read_bank(path, arguments.extrapolate)?);
+        hashes.push(hash(path)?);
+    }
     let options = PlanOptions {
         task_sha256: hash(&arguments.task)?,
-        bank_sha256: hash(&arguments.bank)?,
+        bank_sha256: hashes.join(" "),
         ..PlanOptions::default()
     };
     say(&format!("planning {} …", task.name));
-    let plan = make_plan(&task, &bank, &options).or_input()?;
+    let plan = match banks.as_slice() {
+        [bank] => make_plan(&task, bank, &options),
+        banks => make_ensemble_plan(&task, banks, &options),
+    }
+    .or_input()?;
     write_plan(&arguments.out, &plan).or_internal()?;
     if arguments.json {
-        print_json(&serde_json::json!({ "command_reference": plan.command_reference, "solve": plan.solve }))?;
+        print_json(
+            &serde_json::json!({ "command_reference": plan.command_reference, "solve": plan.solve, "ensemble": plan.ensemble }),
+        )?;
     } else {
         print(&describe(&plan))?;
     }
@@ -57,7 +72,7 @@ pub fn run(arguments: &PlanArguments) -> CommandResult {
     let extrapolated = plan
         .configurations
         .iter()
-        .any(|configuration| !bank.covers(*configuration));
+        .any(|configuration| banks.iter().any(|bank| !bank.covers(*configuration)));
     if extrapolated {
         say("warning: the bank was extrapolated: do not trust this plan");
     }
@@ -100,6 +115,15 @@ pub fn describe(plan: &Plan) -> String {
             shaping.scale[1],
             centimetres(reference.rollout_error_m.unwrap_or(f64::NAN))
         );
+    }
+    for (member, prediction) in plan.ensemble.iter().enumerate() {
+        text += &format!(
+            "\nmember {member}: {} cm mean distance to the reference",
+            centimetres(prediction.predicted_error_m)
+        );
+        if let Some(miss) = prediction.target_miss_m {
+            text += &format!(", misses the target by {} cm", centimetres(miss));
+        }
     }
     for constraint in &solve.violated {
         text += &format!("\nviolated: {constraint}");

@@ -3,7 +3,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use flyvine::benchmark::{BenchmarkProblem, Dense, read_problem};
-use flyvine::trajopt::{Options, Solver, Start};
+use flyvine::trajopt::{Options, Solver, Start, solve_batch};
 use std::hint::black_box;
 
 fn read(name: &str) -> BenchmarkProblem {
@@ -64,5 +64,20 @@ fn solve(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, sweep, rollout, solve);
+/// Sixty-four swings on one thread and on two.
+fn batch(criterion: &mut Criterion) {
+    let benchmark = read("kick_ES");
+    let problems = vec![(&benchmark.problem, &benchmark.dynamics); 64];
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
+        criterion.bench_function(&format!("64 solves of kick_ES, {threads} threads"), |bencher| {
+            bencher.iter(|| pool.install(|| black_box(solve_batch(&problems, &Options::default()).len())));
+        });
+    }
+}
+
+criterion_group!(benches, sweep, rollout, solve, batch);
 criterion_main!(benches);

@@ -32,9 +32,18 @@ impl Rows {
     }
 }
 
-/// What Clarabel makes of a problem with affine dynamics: the optimal commands and cost, or `None` if it proves that
-/// there is no feasible point. Variables are (u_0, z_1, u_1, z_2, …).
-fn reference_solution(problem: &Problem, dynamics: &dyn Dynamics) -> Option<(Vec<f64>, f64)> {
+/// What Clarabel makes of a problem.
+enum Verdict {
+    /// The optimal commands and cost.
+    Optimal(Vec<f64>, f64),
+    /// There is no feasible point, by proof.
+    Infeasible,
+    /// Neither to its tolerance: close to the edge of feasibility.
+    None,
+}
+
+/// Clarabel on a problem with affine dynamics. Variables are (u_0, z_1, u_1, z_2, …).
+fn reference_solution(problem: &Problem, dynamics: &dyn Dynamics) -> Verdict {
     let (n, m, steps) = (problem.state_len(), problem.command_len(), problem.knots - 1);
     let command = |k: usize, j: usize| k * (n + m) + j;
     let state = |k: usize, i: usize| (k - 1) * (n + m) + m + i;
@@ -105,9 +114,9 @@ fn reference_solution(problem: &Problem, dynamics: &dyn Dynamics) -> Option<(Vec
     let settings = DefaultSettings {
         verbose: false,
         max_threads: 1,
-        tol_gap_abs: 1e-9,
-        tol_gap_rel: 1e-9,
-        tol_feas: 1e-9,
+        tol_gap_abs: 1e-8,
+        tol_gap_rel: 1e-8,
+        tol_feas: 1e-8,
         ..DefaultSettings::default()
     };
     let mut solver =
@@ -118,10 +127,10 @@ fn reference_solution(problem: &Problem, dynamics: &dyn Dynamics) -> Option<(Vec
             let commands = (0..steps * m)
                 .map(|i| solver.solution.x[command(i / m, i % m)])
                 .collect();
-            Some((commands, solver.solution.obj_val + constant))
+            Verdict::Optimal(commands, solver.solution.obj_val + constant)
         }
-        SolverStatus::PrimalInfeasible => None,
-        other => panic!("Clarabel gives no verdict: {other:?}"),
+        SolverStatus::PrimalInfeasible => Verdict::Infeasible,
+        _ => Verdict::None,
     }
 }
 
@@ -154,21 +163,26 @@ fn read(name: &str) -> BenchmarkProblem {
     read_problem(format!("{folder}/{name}.json").as_ref()).expect("shipped")
 }
 
-/// Whether the problem is feasible, after checking that both solvers agree on that, and on the optimum.
-fn agree(case: &str, benchmark: &BenchmarkProblem) -> bool {
+/// Whether the problem is feasible, after checking that both solvers agree on that, and on the optimum; `None` if Clarabel
+/// cannot tell.
+fn agree(case: &str, benchmark: &BenchmarkProblem) -> Option<bool> {
     let BenchmarkProblem {
         problem, dynamics, ..
     } = benchmark;
     let mut solver = Solver::new(problem, dynamics, Options::default()).expect("valid");
     let solution = solver.solve();
-    let Some((commands, cost)) = reference_solution(problem, dynamics) else {
-        assert_eq!(
-            solution.status,
-            Status::ProbablyInfeasible,
-            "{case}: there is no feasible point"
-        );
-        relaxing_helps(case, benchmark, solution.diagnosis(1e-8));
-        return false;
+    let (commands, cost) = match reference_solution(problem, dynamics) {
+        Verdict::Optimal(commands, cost) => (commands, cost),
+        Verdict::Infeasible => {
+            assert_eq!(
+                solution.status,
+                Status::ProbablyInfeasible,
+                "{case}: there is no feasible point"
+            );
+            relaxing_helps(case, benchmark, solution.diagnosis(1e-8));
+            return Some(false);
+        }
+        Verdict::None => return None,
     };
     assert_eq!(solution.status, Status::Converged, "{case}");
     let relative = (solution.cost - cost) / cost;
@@ -183,7 +197,7 @@ fn agree(case: &str, benchmark: &BenchmarkProblem) -> bool {
             "{case}: command {i} is {found}, Clarabel {expected}"
         );
     }
-    true
+    Some(true)
 }
 
 /// What a diagnosis claims: with every named constraint relaxed by its violation there are feasible points.
@@ -213,10 +227,14 @@ fn relaxing_helps(case: &str, benchmark: &BenchmarkProblem, diagnosis: Vec<flyvi
             index: equality.index,
             lower: equality.value - by,
             upper: equality.value + by,
+            price: f64::INFINITY,
         });
     }
     assert!(
-        reference_solution(&problem, &benchmark.dynamics).is_some(),
+        !matches!(
+            reference_solution(&problem, &benchmark.dynamics),
+            Verdict::Infeasible
+        ),
         "{case}: relaxed in vain"
     );
 }
@@ -224,7 +242,7 @@ fn relaxing_helps(case: &str, benchmark: &BenchmarkProblem, diagnosis: Vec<flyvi
 #[test]
 fn shipped_convex_problems_have_the_same_optima() {
     for name in ["linlem5_ES", "linkick_ES"] {
-        assert!(agree(name, &read(name)), "{name} is feasible");
+        assert_eq!(agree(name, &read(name)), Some(true), "{name} is feasible");
     }
 }
 
@@ -240,7 +258,8 @@ fn disturbed(random: &mut ChaCha8Rng) -> BenchmarkProblem {
     for reference in &mut problem.command_reference {
         *reference += random.random_range(-0.1..=0.1);
     }
-    let shift = [random.random_range(-0.5..=0.5), random.random_range(-0.5..=0.5)];
+    // From well within reach to well beyond it.
+    let shift = [random.random_range(-1.0..=3.0), random.random_range(-0.5..=1.0)];
     for equality in &mut problem.equalities {
         equality.value += shift[usize::from(equality.index == 8)];
     }
@@ -255,11 +274,20 @@ fn disturbed(random: &mut ChaCha8Rng) -> BenchmarkProblem {
 
 fn campaign(count: usize) {
     let mut random = ChaCha8Rng::seed_from_u64(11);
-    let feasible = (0..count)
-        .filter(|case| agree(&format!("case {case}"), &disturbed(&mut random)))
-        .count();
-    println!("{feasible} of {count} swings are feasible, by both solvers");
-    assert!(feasible > count / 2);
+    let verdicts: Vec<Option<bool>> = (0..count)
+        .map(|case| agree(&format!("case {case}"), &disturbed(&mut random)))
+        .collect();
+    let number = |verdict| verdicts.iter().filter(|v| **v == verdict).count();
+    let (feasible, infeasible) = (number(Some(true)), number(Some(false)));
+    println!("of {count} swings {feasible} are feasible and {infeasible} are not, by both solvers");
+    assert!(
+        feasible > count / 10 && infeasible > 0,
+        "too one-sided to say much"
+    );
+    assert!(
+        feasible + infeasible >= count * 9 / 10,
+        "too often without a verdict"
+    );
 }
 
 #[test]

@@ -171,13 +171,16 @@ fn relax(problem: &Problem, diagnosis: &[Violation]) -> Problem {
                 relaxed.state_bounds[i].upper += by;
             }
             ConstraintSource::Equality(i) => {
-                let Equality { knot, index, value } = problem.equalities[i];
+                let Equality {
+                    knot, index, value, ..
+                } = problem.equalities[i];
                 relaxed.state_bounds.push(StateBound {
                     first_knot: knot,
                     last_knot: knot,
                     index,
                     lower: value - by,
                     upper: value + by,
+                    price: f64::INFINITY,
                 });
             }
         }

@@ -110,6 +110,7 @@ fn parse_state_bound(node: &Node<'_>) -> Result<StateBound, BenchmarkError> {
         index: node.get("idx", "a state entry")?.count()?,
         lower: side("lo", f64::NEG_INFINITY)?,
         upper: side("hi", f64::INFINITY)?,
+        price: f64::INFINITY,
     })
 }
 
@@ -118,6 +119,7 @@ fn parse_equality(node: &Node<'_>) -> Result<Equality, BenchmarkError> {
         knot: node.get("k", "a knot")?.count()?,
         index: node.get("idx", "a state entry")?.count()?,
         value: node.get("value", "a number")?.number()?,
+        price: f64::INFINITY,
     })
 }
 

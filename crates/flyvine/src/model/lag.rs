@@ -267,19 +267,12 @@ impl Dynamics for LagModel {
         _state: &[f64],
         _command: &[f64],
         adjoint: &[f64],
-        stride: usize,
+        _stride: usize,
         hessian: &mut [f64],
     ) {
         for quadratic in &self.quadratic {
-            let factor = adjoint[quadratic.row];
-            let rows = quadratic
-                .hessian
-                .chunks_exact(kernel::padded(self.regressor_len()));
-            for (sums, values) in hessian.chunks_exact_mut(stride).zip(rows) {
-                for (sum, value) in sums.iter_mut().zip(values) {
-                    *sum += factor * value;
-                }
-            }
+            // Its rows are padded like those of `hessian`.
+            kernel::add_transpose_vector(&quadratic.hessian, &[adjoint[quadratic.row]], hessian);
         }
     }
 }
@@ -491,8 +484,9 @@ pub(crate) mod tests {
             let adjoint: Vec<f64> = (0..STATE_LEN).map(|i| 0.3 * i as f64 - 1.0).collect();
             let mut jacobian = vec![0.0; STATE_LEN * p];
             model.jacobian(0, &z, &u, &mut jacobian);
-            let mut curvature = vec![0.0; p * p];
-            model.add_curvature(0, &z, &u, &adjoint, p, &mut curvature);
+            let stride = kernel::padded(p);
+            let mut curvature = vec![0.0; p * stride];
+            model.add_curvature(0, &z, &u, &adjoint, stride, &mut curvature);
             // Polynomials of degree two: central differences are exact but for rounding.
             let h = 1e-3;
             let at = |column: usize, delta: f64| {
@@ -520,7 +514,7 @@ pub(crate) mod tests {
                             .sum()
                     };
                     let difference = (along(&jacobian_plus) - along(&jacobian_minus)) / (2.0 * h);
-                    let exact = curvature[column * p + other];
+                    let exact = curvature[column * stride + other];
                     assert!(
                         (difference - exact).abs() < 1e-6 * exact.abs().max(1.0),
                         "{column}, {other}"

@@ -64,6 +64,10 @@ pub struct Swing {
     /// Displacement (x, z) over the last sample before the target, m: the demanded velocity times dt.
     #[serde(default = "Swing::default_approach_m")]
     pub approach_m: [f64; 2],
+    /// Cost per metre of distance from the target, along x and along z, at its knot and at the one before; where left
+    /// out, the target must be met.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_price: Option<f64>,
     /// Length of the motion, s.
     #[serde(default = "Swing::default_duration_s")]
     pub duration_s: f64,
@@ -176,6 +180,9 @@ pub struct SignalBound {
     /// Upper bound, none where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upper: Option<f64>,
+    /// Cost of a unit of violation at every knot; where left out, the bound must hold.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub price: Option<f64>,
 }
 
 /// The paper's α: `ū_x(k) = scale[0] · q̄_x(k + shift)`, `ū_y(k) = scale[1] · q̄_y(k + shift)` (paper, Sec. IV-A).
@@ -378,6 +385,9 @@ impl Task {
             }
         }
         for bound in &self.state_bounds {
+            if let Some(price) = bound.price {
+                positive("state_bounds.price", price)?;
+            }
             if !SIGNALS.contains(&bound.signal.as_str()) {
                 let expected = format!("one of {}", SIGNALS.join(", "));
                 return Err(TaskError::value(
@@ -421,6 +431,16 @@ impl Task {
 
     fn validate_swing(&self, swing: &Swing) -> Result<(), TaskError> {
         let name = self.name.as_str();
+        if let Some(price) = swing.target_price
+            && !(price.is_finite() && price > 0.0)
+        {
+            return Err(TaskError::value(
+                name,
+                "swing.target_price",
+                price,
+                "a positive number",
+            ));
+        }
         let numbers = [swing.target_m, swing.approach_m, swing.quadrotor_limits_m].concat();
         if numbers.iter().any(|value| value.is_nan() || value.abs() > 100.0) {
             return Err(TaskError::value(

@@ -10,6 +10,7 @@ mod file;
 mod lemniscate;
 mod path;
 mod plan;
+mod planning;
 mod problem;
 mod reference;
 mod swing;
@@ -22,9 +23,10 @@ pub use file::{
     Weights,
 };
 pub use plan::{
-    CommandReferenceSummary, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance, SolveSummary,
-    make_plan, read_plan, write_plan, write_plan_csv,
+    CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
+    Sensitivity, SolveSummary, read_plan, write_plan, write_plan_csv,
 };
+pub use planning::{make_ensemble_plan, make_plan};
 pub use problem::pose_problem;
 pub use reference::Reference;
 pub use training::{TrainingFlight, test_flight, training_flights};

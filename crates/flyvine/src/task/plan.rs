@@ -5,17 +5,15 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::{CommandReference, CommandShaping, Reference, Task, TaskError, pose_problem};
+use super::{CommandShaping, Task, TaskError};
 use crate::DT;
 use crate::file::write_whole;
 use crate::flight::{Configuration, SIGNALS};
 use crate::model::{Bank, ModelError};
-use crate::trajopt::{
-    ConstraintSource, Dynamics, Options, Problem, ProblemError, Solution, Solver, Status, Violation,
-};
+use crate::trajopt::{EnsembleError, Options, ProblemError};
 
 /// What the file says it is.
-const SCHEMA: &str = "flyvine-plan";
+pub(super) const SCHEMA: &str = "flyvine-plan";
 /// Version of the plan format that this library writes and reads.
 pub const PLAN_SCHEMA_VERSION: u64 = 1;
 
@@ -46,8 +44,23 @@ pub struct Plan {
     pub solve: SolveSummary,
     /// Where it came from.
     pub provenance: Provenance,
-    /// The models it was made on.
+    /// The models it was made on; for an ensemble the first member's, on which `states` and `gains` are.
     pub bank: Bank,
+    /// What each member of an ensemble makes of the commands; empty for a plan on one bank.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ensemble: Vec<MemberPrediction>,
+}
+
+/// What one member of an ensemble predicts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MemberPrediction {
+    /// For a swing, the xz distance between end effector and target at its knot, m.
+    pub target_miss_m: Option<f64>,
+    /// Mean distance from predicted end effector to reference, m.
+    pub predicted_error_m: f64,
+    /// Largest violation of a state bound.
+    pub max_violation: f64,
 }
 
 /// The command reference that the solve started from.
@@ -82,6 +95,21 @@ pub struct SolveSummary {
     pub violated: Vec<String>,
     /// Mean distance from predicted end effector to reference, m.
     pub predicted_error_m: f64,
+    /// What every active bound and equality costs; empty in plans of older versions.
+    #[serde(default)]
+    pub sensitivities: Vec<Sensitivity>,
+}
+
+/// What one active bound or equality costs at one knot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensitivity {
+    /// The constraint, in words.
+    pub constraint: String,
+    /// Knot.
+    pub knot: usize,
+    /// Its multiplier: raising the bound, or the value demanded, by ε changes the cost J by −ε · multiplier.
+    pub multiplier: f64,
 }
 
 /// Where a plan came from.
@@ -129,6 +157,14 @@ pub enum PlanError {
         /// What is wrong.
         source: ProblemError,
     },
+    /// The banks make no ensemble.
+    #[error("task `{task}`: {source}")]
+    Ensemble {
+        /// The task.
+        task: String,
+        /// What is wrong.
+        source: EnsembleError,
+    },
     /// The bank's models take inputs that a plan does not command.
     #[error(
         "task `{task}`: found models with {found} inputs, expected 3 (commanded position); \
@@ -158,128 +194,6 @@ pub enum PlanError {
     },
 }
 
-/// Plans `task` on `bank`.
-///
-/// # Errors
-/// The bank does not cover the task's configurations, or the problem is malformed. A solve that does not
-/// converge is reported in [`Plan::solve`], with the best commands found.
-pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan, PlanError> {
-    let named = || task.name.clone();
-    let model_error = |source| PlanError::Model {
-        task: named(),
-        source,
-    };
-    let reference = task.reference();
-    let dynamics = bank.scheduled(&reference.configurations).map_err(model_error)?;
-    if dynamics.command_len() != 3 {
-        return Err(PlanError::Inputs {
-            task: named(),
-            found: dynamics.command_len(),
-        });
-    }
-    let first = dynamics.at_knot(0);
-    let start = first.rest_state(task.configuration);
-    let command_reference = CommandReference::build(task, &reference, &dynamics, &start);
-    let problem = pose_problem(
-        task,
-        &reference,
-        &command_reference.commands,
-        &start,
-        first.lags(),
-    );
-    let mut solver =
-        Solver::new(&problem, &dynamics, options.solver.clone()).map_err(|source| PlanError::Problem {
-            task: named(),
-            source,
-        })?;
-    let solution = solver.solve();
-
-    let state_len = start.len();
-    let rows = |flat: &[f64], width: usize| flat.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>();
-    Ok(Plan {
-        schema: SCHEMA.to_owned(),
-        schema_version: PLAN_SCHEMA_VERSION,
-        task: task.clone(),
-        commands: solution
-            .commands
-            .chunks_exact(3)
-            .map(|u| [u[0], u[1], u[2]])
-            .collect(),
-        states: rows(&solution.states, state_len),
-        gains: rows(&solution.gains, 3 * state_len),
-        command_reference: CommandReferenceSummary {
-            shaping: command_reference.shaping,
-            searched: command_reference.shaping.is_some() && task.command_reference.is_none(),
-            rollout_error_m: Some(command_reference.rollout_error_m).filter(|error| error.is_finite()),
-        },
-        solve: summarize(solution, &problem, &reference, options),
-        provenance: Provenance {
-            tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).to_owned(),
-            task_sha256: options.task_sha256.clone(),
-            bank_sha256: options.bank_sha256.clone(),
-        },
-        configurations: reference.configurations,
-        reference: reference.end_effector,
-        bank: bank.clone(),
-    })
-}
-
-fn summarize(
-    solution: &Solution,
-    problem: &Problem,
-    reference: &Reference,
-    options: &PlanOptions,
-) -> SolveSummary {
-    let violated = solution
-        .diagnosis(options.solver.violation_tolerance)
-        .iter()
-        .map(|worst| {
-            let signal = SIGNALS.get(worst.index).copied().unwrap_or("hidden state");
-            let bound = match worst.source {
-                ConstraintSource::Equality(i) => format!("= {}", problem.equalities[i].value),
-                ConstraintSource::StateBound(i) => {
-                    let bound = &problem.state_bounds[i];
-                    format!("in [{}, {}]", bound.lower, bound.upper)
-                }
-            };
-            let Violation {
-                first_knot,
-                last_knot,
-                worst_knot,
-                violation,
-                ..
-            } = *worst;
-            let knots = if first_knot == last_knot {
-                format!("knot {worst_knot}")
-            } else {
-                format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
-            };
-            format!("{signal} {bound} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
-        })
-        .collect();
-    let state_len = problem.start.len();
-    let distances = solution
-        .states
-        .chunks_exact(state_len)
-        .zip(&reference.end_effector)
-        .map(|(state, target)| {
-            (0..3)
-                .map(|axis| (state[6 + axis] - target[axis]).powi(2))
-                .sum::<f64>()
-                .sqrt()
-        });
-    SolveSummary {
-        status: solution.status.name().to_owned(),
-        converged: solution.status == Status::Converged,
-        cost: solution.cost,
-        max_violation: solution.max_violation,
-        stationarity: solution.stationarity,
-        iterations: solution.iterations,
-        violated,
-        predicted_error_m: distances.sum::<f64>() / reference.end_effector.len() as f64,
-    }
-}
-
 /// What every version of the plan format begins with.
 #[derive(Deserialize)]
 struct Header {
@@ -306,31 +220,6 @@ impl Plan {
     /// Number of knots N.
     pub fn knots(&self) -> usize {
         self.states.len()
-    }
-
-    /// The optimal-control problem that the plan solves.
-    ///
-    /// # Errors
-    /// The bank does not cover the plan's configurations.
-    pub fn problem(&self) -> Result<Problem, PlanError> {
-        let reference = self.task.reference();
-        let dynamics = self
-            .bank
-            .scheduled(&reference.configurations)
-            .map_err(|source| PlanError::Model {
-                task: self.task.name.clone(),
-                source,
-            })?;
-        let first = dynamics.at_knot(0);
-        let start = first.rest_state(self.task.configuration);
-        let commands = CommandReference::build(&self.task, &reference, &dynamics, &start).commands;
-        Ok(pose_problem(
-            &self.task,
-            &reference,
-            &commands,
-            &start,
-            first.lags(),
-        ))
     }
 
     /// Predicted quadrotor positions (N × 3), m.

@@ -49,12 +49,13 @@ pub fn pose_problem(
         }
     }
 
-    let everywhere = |index: usize, lower: Option<f64>, upper: Option<f64>| StateBound {
+    let everywhere = |index: usize, lower: Option<f64>, upper: Option<f64>, price: Option<f64>| StateBound {
         first_knot: 1,
         last_knot: knots - 1,
         index,
         lower: lower.unwrap_or(f64::NEG_INFINITY),
         upper: upper.unwrap_or(f64::INFINITY),
+        price: price.unwrap_or(f64::INFINITY),
     };
     let index_of = |name: &str| {
         SIGNALS
@@ -65,27 +66,30 @@ pub fn pose_problem(
     let mut state_bounds: Vec<StateBound> = task
         .state_bounds
         .iter()
-        .map(|bound| everywhere(index_of(&bound.signal), bound.lower, bound.upper))
+        .map(|bound| everywhere(index_of(&bound.signal), bound.lower, bound.upper, bound.price))
         .collect();
     let mut equalities = Vec::new();
     match task.motion() {
         Motion::Swing(swing) => {
             let [x_limit, z_limit] = swing.quadrotor_limits_m;
-            state_bounds.push(everywhere(index_of("qr_x"), None, Some(x_limit)));
-            state_bounds.push(everywhere(index_of("qr_z"), None, Some(z_limit)));
+            state_bounds.push(everywhere(index_of("qr_x"), None, Some(x_limit), None));
+            state_bounds.push(everywhere(index_of("qr_z"), None, Some(z_limit), None));
             // The paper prints z_QR here; its text means the end effector.
             let knot = swing.target_knot();
             let ([x, z], [dx, dz]) = (swing.target_m, swing.approach_m);
+            let price = swing.target_price.unwrap_or(f64::INFINITY);
             for (knot, x, z) in [(knot, x, z), (knot - 1, x - dx, z - dz)] {
                 equalities.push(Equality {
                     knot,
                     index: index_of("ee_x"),
                     value: x,
+                    price,
                 });
                 equalities.push(Equality {
                     knot,
                     index: index_of("ee_z"),
                     value: z,
+                    price,
                 });
             }
         }
@@ -97,6 +101,7 @@ pub fn pose_problem(
                         knot,
                         index: END_EFFECTOR + axis,
                         value,
+                        price: f64::INFINITY,
                     });
                 }
             }

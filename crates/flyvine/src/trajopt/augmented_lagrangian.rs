@@ -8,6 +8,9 @@
 //! ```
 //!
 //! to the cost, so `ψ' = ŷ`, which is also the updated multiplier, and `ψ'' = ρ` where s is outside, else 0.
+//!
+//! A soft constraint with price w has a slack e of its own that costs `w |e|`: an exact penalty. Minimizing over e leaves
+//! ŷ clipped to ±w; where it is, `ψ'' = 0` and the slack adds `w |e|`, `|e| = (|ŷ| − w) / ρ` with ŷ before clipping.
 
 use super::problem::{Equality, Problem, StateBound};
 use super::solution::{ConstraintMultiplier, ConstraintSource};
@@ -24,13 +27,24 @@ pub(super) struct StateConstraint {
     multiplier: f64,
     /// ρ.
     penalty: f64,
+    /// w, infinite if the constraint is hard.
+    price: f64,
 }
 
 impl StateConstraint {
-    /// ŷ for the entry's value.
-    fn shifted_multiplier(&self, value: f64) -> f64 {
+    /// ŷ for the entry's value, not clipped.
+    fn unclipped(&self, value: f64) -> f64 {
         let shifted = value + self.multiplier / self.penalty;
         self.penalty * (shifted - shifted.clamp(self.lower, self.upper))
+    }
+
+    /// ŷ for the entry's value.
+    fn shifted_multiplier(&self, value: f64) -> f64 {
+        self.unclipped(value).clamp(-self.price, self.price)
+    }
+
+    fn is_hard(&self) -> bool {
+        self.price == f64::INFINITY
     }
 
     fn violation(&self, value: f64) -> f64 {
@@ -39,14 +53,22 @@ impl StateConstraint {
 
     /// `ψ`.
     pub fn cost(&self, value: f64) -> f64 {
-        let updated = self.shifted_multiplier(value);
-        (updated * updated - self.multiplier * self.multiplier) / (2.0 * self.penalty)
+        let unclipped = self.unclipped(value);
+        let updated = unclipped.clamp(-self.price, self.price);
+        let quadratic = (updated * updated - self.multiplier * self.multiplier) / (2.0 * self.penalty);
+        let slack = (unclipped - updated).abs() / self.penalty;
+        if slack > 0.0 {
+            quadratic + self.price * slack
+        } else {
+            quadratic
+        }
     }
 
     /// `(ψ', ψ'')`.
     pub fn derivatives(&self, value: f64) -> (f64, f64) {
         let updated = self.shifted_multiplier(value);
-        (updated, if updated == 0.0 { 0.0 } else { self.penalty })
+        let curved = updated != 0.0 && updated.abs() < self.price;
+        (updated, if curved { self.penalty } else { 0.0 })
     }
 }
 
@@ -61,7 +83,7 @@ pub(super) struct AugmentedLagrangian {
 impl AugmentedLagrangian {
     /// Constraints at knot 0 are left out: the start is fixed, and validated.
     pub fn new(problem: &Problem) -> Self {
-        let constraint = |source, knot, index, lower, upper| StateConstraint {
+        let constraint = |source, knot, index, lower, upper, price| StateConstraint {
             source,
             knot,
             index,
@@ -69,6 +91,7 @@ impl AugmentedLagrangian {
             upper,
             multiplier: 0.0,
             penalty: 1.0,
+            price,
         };
         let mut constraints = Vec::new();
         for (i, bound) in problem.state_bounds.iter().enumerate() {
@@ -78,6 +101,7 @@ impl AugmentedLagrangian {
                 index,
                 lower,
                 upper,
+                price,
             } = *bound;
             for knot in first_knot.max(1)..=last_knot {
                 constraints.push(constraint(
@@ -86,11 +110,17 @@ impl AugmentedLagrangian {
                     index,
                     lower,
                     upper,
+                    price,
                 ));
             }
         }
         for (i, equality) in problem.equalities.iter().enumerate() {
-            let Equality { knot, index, value } = *equality;
+            let Equality {
+                knot,
+                index,
+                value,
+                price,
+            } = *equality;
             if knot > 0 {
                 constraints.push(constraint(
                     ConstraintSource::Equality(i),
@@ -98,6 +128,7 @@ impl AugmentedLagrangian {
                     index,
                     value,
                     value,
+                    price,
                 ));
             }
         }
@@ -146,12 +177,24 @@ impl AugmentedLagrangian {
             .fold(0.0, f64::max)
     }
 
-    /// The largest violation.
+    /// The largest violation of a hard constraint.
     pub fn max_violation(&self, value: impl Fn(usize, usize) -> f64) -> f64 {
         self.constraints
             .iter()
+            .filter(|constraint| constraint.is_hard())
             .map(|constraint| constraint.violation(value(constraint.knot, constraint.index)))
             .fold(0.0, f64::max)
+    }
+
+    /// What the violations of soft constraints cost.
+    pub fn soft_cost(&self, value: impl Fn(usize, usize) -> f64) -> f64 {
+        self.constraints
+            .iter()
+            .filter(|constraint| !constraint.is_hard())
+            .map(|constraint| {
+                constraint.price * constraint.violation(value(constraint.knot, constraint.index))
+            })
+            .sum()
     }
 
     /// The largest of violation and complementarity: the distance between y/ρ and ŷ/ρ, which is zero exactly where
@@ -173,6 +216,7 @@ impl AugmentedLagrangian {
             source: constraint.source,
             knot: constraint.knot,
             index: constraint.index,
+            hard: constraint.is_hard(),
             multiplier: constraint.multiplier,
             violation: constraint.violation(value(constraint.knot, constraint.index)),
         }));

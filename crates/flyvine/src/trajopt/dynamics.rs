@@ -37,8 +37,8 @@ pub trait Dynamics: Sync {
         self.jacobian(knot, state, command, jacobian);
     }
 
-    /// Adds `Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`: n + m rows of `stride ≥ n + m` entries, full symmetric;
-    /// what is beyond n + m in a row is padding. Models without curvature leave it alone.
+    /// Adds `Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`: full symmetric, n + m rows of
+    /// `stride` entries: n + m rounded up to a multiple of 8. Models without curvature leave it alone.
     fn add_curvature(
         &self,
         knot: usize,
@@ -49,5 +49,43 @@ pub trait Dynamics: Sync {
         hessian: &mut [f64],
     ) {
         let _ = (knot, state, command, adjoint, stride, hessian);
+    }
+}
+
+impl<D: Dynamics + ?Sized> Dynamics for &D {
+    fn state_len(&self) -> usize {
+        (**self).state_len()
+    }
+
+    fn command_len(&self) -> usize {
+        (**self).command_len()
+    }
+
+    fn fresh_len(&self) -> usize {
+        (**self).fresh_len()
+    }
+
+    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
+        (**self).step(knot, state, command, fresh);
+    }
+
+    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
+        (**self).jacobian(knot, state, command, jacobian);
+    }
+
+    fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+        (**self).linearize(knot, z, u, fresh, jacobian);
+    }
+
+    fn add_curvature(
+        &self,
+        knot: usize,
+        z: &[f64],
+        u: &[f64],
+        adjoint: &[f64],
+        stride: usize,
+        hessian: &mut [f64],
+    ) {
+        (**self).add_curvature(knot, z, u, adjoint, stride, hessian);
     }
 }

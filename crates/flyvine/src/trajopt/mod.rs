@@ -6,10 +6,15 @@
 //!      l ≤ z_k[i] ≤ h on chosen knots,  z_k[i] = v on chosen knots
 //! ```
 //!
+//! where a constraint may also be soft: then its violation costs a price. An [`Ensemble`] plans for several models at
+//! once.
+//!
 //! Nothing here knows of files, flights, or where a model came from.
 
 mod augmented_lagrangian;
+mod batch;
 mod dynamics;
+mod ensemble;
 mod ilqr;
 mod options;
 mod problem;
@@ -18,7 +23,9 @@ mod solution;
 mod solver;
 mod start;
 
+pub use batch::{BestOfMany, MultiStart, multi_start, solve_batch};
 pub use dynamics::Dynamics;
+pub use ensemble::{Ensemble, EnsembleError};
 pub use options::Options;
 pub use problem::{Equality, Problem, ProblemError, StateBound};
 pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status, Violation};

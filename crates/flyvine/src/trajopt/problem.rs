@@ -15,6 +15,8 @@ pub struct StateBound {
     pub lower: f64,
     /// Upper bound, +∞ for none.
     pub upper: f64,
+    /// What a unit of violation costs at each knot; +∞ if the bound must hold.
+    pub price: f64,
 }
 
 /// `z_k[index] = value` at one knot.
@@ -26,6 +28,8 @@ pub struct Equality {
     pub index: usize,
     /// Value it must take.
     pub value: f64,
+    /// What a unit of distance from the value costs; +∞ if the equality must hold.
+    pub price: f64,
 }
 
 /// Cost, constraints and initial guess for N knots of a state of length n and a command of length m.
@@ -89,6 +93,18 @@ pub enum ProblemError {
     #[error("{field}[{entry}]: found {value}, expected a weight of at least 0")]
     NegativeWeight {
         /// Name of the array.
+        field: &'static str,
+        /// Position in it.
+        entry: usize,
+        /// What was found.
+        value: f64,
+    },
+    /// A price that is none.
+    #[error(
+        "{field}[{entry}].price: found {value}, expected a positive number, or infinity for a hard constraint"
+    )]
+    Price {
+        /// Name of the list.
         field: &'static str,
         /// Position in it.
         entry: usize,
@@ -248,7 +264,8 @@ impl Problem {
                 n,
             )?;
             check_interval(field, entry, bound.lower, bound.upper)?;
-            if bound.first_knot == 0 {
+            check_price(field, entry, bound.price)?;
+            if bound.first_knot == 0 && bound.price == f64::INFINITY {
                 self.check_start(field, entry, bound.index, bound.lower, bound.upper)?;
             }
         }
@@ -258,16 +275,26 @@ impl Problem {
     fn validate_equalities(&self, n: usize) -> Result<(), ProblemError> {
         let field = "equalities";
         for (entry, equality) in self.equalities.iter().enumerate() {
-            let Equality { knot, index, value } = *equality;
+            let Equality {
+                knot,
+                index,
+                value,
+                price,
+            } = *equality;
             check_place(field, entry, (knot, knot), self.knots, index, n)?;
+            check_price(field, entry, price)?;
             if !value.is_finite() {
                 return Err(ProblemError::NotFinite { field, entry, value });
+            }
+            if price < f64::INFINITY {
+                continue;
             }
             if knot == 0 {
                 self.check_start(field, entry, index, value, value)?;
             }
             let clash = self.state_bounds.iter().position(|bound| {
                 bound.index == index
+                    && bound.price == f64::INFINITY
                     && (bound.first_knot..=bound.last_knot).contains(&knot)
                     && !(bound.lower..=bound.upper).contains(&value)
             });
@@ -344,6 +371,14 @@ fn check_interval(field: &'static str, entry: usize, lower: f64, upper: f64) -> 
             lower,
             upper,
         })
+    }
+}
+
+fn check_price(field: &'static str, entry: usize, value: f64) -> Result<(), ProblemError> {
+    if value > 0.0 {
+        Ok(())
+    } else {
+        Err(ProblemError::Price { field, entry, value })
     }
 }
 

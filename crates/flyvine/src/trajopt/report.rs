@@ -13,6 +13,7 @@ impl<D: Dynamics + ?Sized> Solver<'_, D> {
         solution.stationarity = self.progress.stationarity;
         let value = |knot: usize, index: usize| self.trajectory.state(knot)[index];
         solution.max_violation = self.constraints.max_violation(value);
+        solution.soft_cost = self.constraints.soft_cost(value);
         solution.cost = rollout::cost(self.problem, &self.trajectory);
         self.constraints.report(value, &mut solution.multipliers);
         self.copy_states();
@@ -74,6 +75,7 @@ impl<D: Dynamics + ?Sized> Solver<'_, D> {
         self.solution.command_multipliers.fill(0.0);
         self.solution.multipliers.clear();
         self.solution.cost = f64::INFINITY;
+        self.solution.soft_cost = f64::INFINITY;
         self.solution.max_violation = f64::INFINITY;
         self.solution.stationarity = f64::INFINITY;
     }

@@ -52,6 +52,8 @@ pub struct ConstraintMultiplier {
     pub knot: usize,
     /// Entry of the state.
     pub index: usize,
+    /// Whether it must hold, or only costs something.
+    pub hard: bool,
     /// `∂J/∂(bound)` with the sign reversed: positive when the upper bound is active, negative for the lower.
     pub multiplier: f64,
     /// Distance outside the bounds, ≥ 0.
@@ -82,7 +84,9 @@ pub struct Solution {
     pub status: Status,
     /// Cost J of the problem, without multiplier terms.
     pub cost: f64,
-    /// Largest violation over the state constraints; commands never leave their bounds.
+    /// What violations of soft constraints add to J: Σ price · violation.
+    pub soft_cost: f64,
+    /// Largest violation over the hard state constraints; commands never leave their bounds.
     pub max_violation: f64,
     /// Largest projected `|∂L/∂u|`, divided by `1 + |J|`.
     pub stationarity: f64,
@@ -111,12 +115,13 @@ impl Solution {
             .max_by(|a, b| a.violation.total_cmp(&b.violation))
     }
 
-    /// For every violated constraint of the problem, the most violated first: where, by how much, and hence what would
+    /// For every violated hard constraint of the problem, the most violated first: where, by how much, and hence what would
     /// make the problem solvable. Relaxing every named constraint by its violation is enough, because `states` would
     /// then satisfy all of them.
     pub fn diagnosis(&self, tolerance: f64) -> Vec<Violation> {
         let mut violations: Vec<Violation> = Vec::new();
-        let violated = |constraint: &&ConstraintMultiplier| constraint.violation > tolerance;
+        let violated =
+            |constraint: &&ConstraintMultiplier| constraint.hard && constraint.violation > tolerance;
         for constraint in self.multipliers.iter().filter(violated) {
             let ConstraintMultiplier {
                 source,
@@ -154,6 +159,7 @@ impl Solution {
         Self {
             status: Status::IterationLimit,
             cost: f64::INFINITY,
+            soft_cost: f64::INFINITY,
             max_violation: f64::INFINITY,
             stationarity: f64::INFINITY,
             iterations: 0,

@@ -107,6 +107,28 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         &self.solution
     }
 
+    /// Follows these commands ((N−1) × m) as they are: their rollout, and the gains of the linear-quadratic regulator
+    /// around it.
+    ///
+    /// # Errors
+    /// As [`Self::solve_from`].
+    pub fn regulate(&mut self, commands: &[f64]) -> Result<&Solution, ProblemError> {
+        let start = Start::Commands(commands);
+        start.validate(self.shape.knots, self.shape.state, self.shape.command)?;
+        self.progress = Progress::new();
+        self.constraints.reset(self.options.penalty_initial);
+        let status = match self.initialize(start) {
+            Ok(()) => {
+                self.expand();
+                self.sweep();
+                Status::IterationLimit
+            }
+            Err(knot) => Status::GuessDiverges { knot },
+        };
+        self.report(status);
+        Ok(&self.solution)
+    }
+
     /// One Riccati factorization without curvature at the last solve's trajectory, and nothing else: what benchmarks
     /// time. False if it is not convex.
     pub fn sweep(&mut self) -> bool {

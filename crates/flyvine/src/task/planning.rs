@@ -1,0 +1,308 @@
+//! From a task and a bank, or an ensemble of banks, to a plan.
+
+use super::plan::{
+    CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
+    SCHEMA, Sensitivity, SolveSummary,
+};
+use super::{CommandReference, Motion, Reference, Task, pose_problem};
+use crate::flight::SIGNALS;
+use crate::model::{Bank, ScheduledModel};
+use crate::trajopt::{
+    ConstraintSource, Dynamics, Ensemble, Problem, ProblemError, Solution, Solver, Status, Violation,
+};
+
+/// Cost per metre of an ensemble's mean distance from a swing's target, where the task names no price.
+const TARGET_PRICE: f64 = 3000.0;
+
+/// Plans `task` on `bank`.
+///
+/// # Errors
+/// The bank does not cover the task's configurations, or the problem is malformed. A solve that does not
+/// converge is reported in [`Plan::solve`], with the best commands found.
+pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan, PlanError> {
+    let named = || task.name.clone();
+    let reference = task.reference();
+    let model = OnBank::new(task, &reference, bank)?;
+    let command_reference = model.command_reference(task, &reference);
+    let problem = model.problem(task, &reference, &command_reference);
+    let malformed = |source| PlanError::Problem {
+        task: named(),
+        source,
+    };
+    let mut solver = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
+    let solution = solver.solve();
+    let place = |index: usize| (String::new(), index);
+    let solve = summarize(solution, solution, &problem, &reference, options, place);
+    Ok(plan(
+        task,
+        bank,
+        &reference,
+        &command_reference,
+        solution,
+        solve,
+        options,
+    ))
+}
+
+/// Plans `task` on several banks at once: one command, every bank's own motion.
+///
+/// Minimized is the mean of the members' costs; every member keeps the state bounds. What the task demands exactly (a
+/// swing's target, exact waypoints) no command can give all members: their mean distance from it costs the task's
+/// target price, or 3000 per metre. States and gains of the plan are those on the first bank.
+///
+/// # Errors
+/// As [`make_plan`], and banks whose models differ in size.
+pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) -> Result<Plan, PlanError> {
+    let reference = task.reference();
+    let named = || task.name.clone();
+    let no_ensemble = |source| PlanError::Ensemble {
+        task: named(),
+        source,
+    };
+    let malformed = |source: ProblemError| PlanError::Problem {
+        task: named(),
+        source,
+    };
+    let models: Vec<OnBank> = banks
+        .iter()
+        .map(|bank| OnBank::new(task, &reference, bank))
+        .collect::<Result<_, _>>()?;
+    let ensemble =
+        Ensemble::new(models.iter().map(|model| &model.dynamics).collect()).map_err(no_ensemble)?;
+    let command_reference = models[0].command_reference(task, &reference);
+    let problems: Vec<Problem> = models
+        .iter()
+        .map(|model| model.problem(task, &reference, &command_reference))
+        .collect();
+    let price = match task.motion() {
+        Motion::Swing(swing) => swing.target_price.unwrap_or(TARGET_PRICE),
+        _ => TARGET_PRICE,
+    };
+    let problem = ensemble.pose(&problems, price).map_err(no_ensemble)?;
+    let mut solver = Solver::new(&problem, &ensemble, options.solver.clone()).map_err(malformed)?;
+    let solution = solver.solve();
+
+    let mut first =
+        Solver::new(&problems[0], &models[0].dynamics, options.solver.clone()).map_err(malformed)?;
+    let regulated = first.regulate(&solution.commands).map_err(malformed)?;
+    let place = |index: usize| {
+        let (member, index) = ensemble.locate(index);
+        (format!("member {member}: "), index)
+    };
+    let solve = summarize(solution, regulated, &problem, &reference, options, place);
+    let mut plan = plan(
+        task,
+        &banks[0],
+        &reference,
+        &command_reference,
+        regulated,
+        solve,
+        options,
+    );
+    plan.ensemble = (0..banks.len())
+        .map(|member| {
+            let states = ensemble.member_states(member, &solution.states);
+            predict(task, &reference, &problems[member], &states)
+        })
+        .collect();
+    Ok(plan)
+}
+
+impl Plan {
+    /// The optimal-control problem that the plan solves (on its first bank, if it was made for several).
+    ///
+    /// # Errors
+    /// The bank does not cover the plan's configurations.
+    pub fn problem(&self) -> Result<Problem, PlanError> {
+        let reference = self.task.reference();
+        let model = OnBank::new(&self.task, &reference, &self.bank)?;
+        let command_reference = model.command_reference(&self.task, &reference);
+        Ok(model.problem(&self.task, &reference, &command_reference))
+    }
+}
+
+/// A bank along a task's configurations, and where it starts.
+struct OnBank {
+    dynamics: ScheduledModel,
+    start: Vec<f64>,
+}
+
+impl OnBank {
+    fn new(task: &Task, reference: &Reference, bank: &Bank) -> Result<Self, PlanError> {
+        let dynamics = bank
+            .scheduled(&reference.configurations)
+            .map_err(|source| PlanError::Model {
+                task: task.name.clone(),
+                source,
+            })?;
+        if dynamics.command_len() != 3 {
+            return Err(PlanError::Inputs {
+                task: task.name.clone(),
+                found: dynamics.command_len(),
+            });
+        }
+        let start = dynamics.at_knot(0).rest_state(task.configuration);
+        Ok(Self { dynamics, start })
+    }
+
+    fn command_reference(&self, task: &Task, reference: &Reference) -> CommandReference {
+        CommandReference::build(task, reference, &self.dynamics, &self.start)
+    }
+
+    fn problem(&self, task: &Task, reference: &Reference, command_reference: &CommandReference) -> Problem {
+        let lags = self.dynamics.at_knot(0).lags();
+        pose_problem(task, reference, &command_reference.commands, &self.start, lags)
+    }
+}
+
+fn plan(
+    task: &Task,
+    bank: &Bank,
+    reference: &Reference,
+    command_reference: &CommandReference,
+    solution: &Solution,
+    solve: SolveSummary,
+    options: &PlanOptions,
+) -> Plan {
+    let state_len = solution.states.len() / reference.end_effector.len();
+    let rows = |flat: &[f64], width: usize| flat.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>();
+    Plan {
+        schema: SCHEMA.to_owned(),
+        schema_version: PLAN_SCHEMA_VERSION,
+        task: task.clone(),
+        commands: solution
+            .commands
+            .chunks_exact(3)
+            .map(|u| [u[0], u[1], u[2]])
+            .collect(),
+        states: rows(&solution.states, state_len),
+        gains: rows(&solution.gains, 3 * state_len),
+        command_reference: CommandReferenceSummary {
+            shaping: command_reference.shaping,
+            searched: command_reference.shaping.is_some() && task.command_reference.is_none(),
+            rollout_error_m: Some(command_reference.rollout_error_m).filter(|error| error.is_finite()),
+        },
+        solve,
+        provenance: Provenance {
+            tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).to_owned(),
+            task_sha256: options.task_sha256.clone(),
+            bank_sha256: options.bank_sha256.clone(),
+        },
+        configurations: reference.configurations.clone(),
+        reference: reference.end_effector.clone(),
+        bank: bank.clone(),
+        ensemble: Vec::new(),
+    }
+}
+
+/// How the solve of `problem` ended; `motion` is what the plan shows. `place` turns an entry of the problem's state into
+/// words that say whose it is, and the entry of that one's state.
+fn summarize(
+    solution: &Solution,
+    motion: &Solution,
+    problem: &Problem,
+    reference: &Reference,
+    options: &PlanOptions,
+    place: impl Fn(usize) -> (String, usize),
+) -> SolveSummary {
+    let constraint = |source: ConstraintSource, index: usize| {
+        let (whose, index) = place(index);
+        let signal = SIGNALS.get(index).copied().unwrap_or("hidden state");
+        match source {
+            ConstraintSource::Equality(i) => format!("{whose}{signal} = {}", problem.equalities[i].value),
+            ConstraintSource::StateBound(i) => {
+                let bound = &problem.state_bounds[i];
+                format!("{whose}{signal} in [{}, {}]", bound.lower, bound.upper)
+            }
+        }
+    };
+    let words = |violation: &Violation| {
+        let Violation {
+            source,
+            index,
+            first_knot,
+            last_knot,
+            worst_knot,
+            violation,
+        } = *violation;
+        let knots = if first_knot == last_knot {
+            format!("knot {worst_knot}")
+        } else {
+            format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
+        };
+        let constraint = constraint(source, index);
+        format!("{constraint} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
+    };
+    let on_states = solution.multipliers.iter().map(|active| Sensitivity {
+        constraint: constraint(active.source, active.index),
+        knot: active.knot,
+        multiplier: active.multiplier,
+    });
+    let command_len = problem.command_len();
+    let on_commands = solution
+        .command_multipliers
+        .iter()
+        .enumerate()
+        .map(|(i, &multiplier)| {
+            let (axis, side) = (
+                ["x", "y", "z"][i % command_len],
+                if multiplier > 0.0 { "upper" } else { "lower" },
+            );
+            Sensitivity {
+                constraint: format!("cmd_{axis} at its {side} bound"),
+                knot: i / command_len,
+                multiplier,
+            }
+        });
+    let active = |sensitivity: &Sensitivity| sensitivity.multiplier != 0.0;
+    let sensitivities = on_states.chain(on_commands).filter(active).collect();
+    let violated = solution.diagnosis(options.solver.violation_tolerance);
+    SolveSummary {
+        status: solution.status.name().to_owned(),
+        converged: solution.status == Status::Converged,
+        cost: solution.cost,
+        max_violation: solution.max_violation,
+        stationarity: solution.stationarity,
+        iterations: solution.iterations,
+        violated: violated.iter().map(words).collect(),
+        predicted_error_m: mean_error_m(reference, &motion.states),
+        sensitivities,
+    }
+}
+
+/// Mean distance from end effector to reference over flat states (N × n), m.
+fn mean_error_m(reference: &Reference, states: &[f64]) -> f64 {
+    let knots = reference.end_effector.len();
+    let distances = states
+        .chunks_exact(states.len() / knots)
+        .zip(&reference.end_effector)
+        .map(|(state, target)| {
+            (0..3)
+                .map(|axis| (state[6 + axis] - target[axis]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        });
+    distances.sum::<f64>() / knots as f64
+}
+
+fn predict(task: &Task, reference: &Reference, problem: &Problem, states: &[f64]) -> MemberPrediction {
+    let state_len = problem.start.len();
+    let target_miss_m = match task.motion() {
+        Motion::Swing(swing) => {
+            let state = &states[swing.target_knot() * state_len..][..state_len];
+            Some((state[6] - swing.target_m[0]).hypot(state[8] - swing.target_m[1]))
+        }
+        _ => None,
+    };
+    let violations = problem.state_bounds.iter().flat_map(|bound| {
+        (bound.first_knot..=bound.last_knot).map(|knot| {
+            let value = states[knot * state_len + bound.index];
+            (value - bound.upper).max(bound.lower - value)
+        })
+    });
+    MemberPrediction {
+        target_miss_m,
+        predicted_error_m: mean_error_m(reference, states),
+        max_violation: violations.fold(0.0, f64::max),
+    }
+}
