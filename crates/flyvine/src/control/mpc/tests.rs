@@ -60,14 +60,20 @@ impl Case {
         case
     }
 
+    /// What the model sees of `commands` (flat) at stage j, the command before the first being zero.
+    fn effective(&self, commands: &[f64], j: usize) -> [f64; 3] {
+        std::array::from_fn(|axis| {
+            let older = j.checked_sub(1).map_or(0.0, |before| commands[3 * before + axis]);
+            (1.0 - self.delay) * commands[3 * j + axis] + self.delay * older
+        })
+    }
+
     fn states(&self, commands: &[f64]) -> Vec<Vec<f64>> {
         let mut states = vec![self.state.clone()];
-        for (j, newer) in commands.chunks_exact(3).enumerate() {
-            let older = |axis: usize| j.checked_sub(1).map_or(0.0, |before| commands[3 * before + axis]);
-            let command: [f64; 3] =
-                std::array::from_fn(|axis| (1.0 - self.delay) * newer[axis] + self.delay * older(axis));
+        for j in 0..STAGES {
             let mut next = vec![0.0; self.stage.state];
-            self.model.step(0, states.last().unwrap(), &command, &mut next);
+            let command = self.effective(commands, j);
+            self.model.step(0, &states[j], &command, &mut next);
             let pushes = 1.0 + 0.9_f64.powi(j as i32);
             next.iter_mut()
                 .zip(&self.disturbance)
@@ -81,9 +87,10 @@ impl Case {
         let (width, stride) = (self.stage.state + 3, self.stage.stride());
         let mut padded = Vec::new();
         let states = self.states(&self.commands);
-        for (state, command) in states.iter().zip(self.commands.chunks_exact(3)) {
+        for (j, state) in states[..STAGES].iter().enumerate() {
             let mut jacobian = vec![0.0; self.stage.fresh * width];
-            self.model.jacobian(0, state, command, &mut jacobian);
+            let command = self.effective(&self.commands, j);
+            self.model.jacobian(0, state, &command, &mut jacobian);
             for row in jacobian.chunks_exact(width) {
                 padded.extend_from_slice(row);
                 padded.resize(padded.len().next_multiple_of(stride), 0.0);
