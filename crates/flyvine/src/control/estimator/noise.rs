@@ -69,7 +69,7 @@ impl NoiseLevels {
         },
         gust_s: 1.0,
         delay: 2e-3,
-        delay_initial: 0.3,
+        delay_initial: 1.0,
     };
 
     /// For the physical family, where nothing was identified.
@@ -96,7 +96,7 @@ impl NoiseLevels {
         },
         gust_s: 1.0,
         delay: 2e-3,
-        delay_initial: 0.3,
+        delay_initial: 1.0,
     };
 
     /// The levels of the model's family.

@@ -267,8 +267,8 @@ fn tracking_stays_within_the_bounds_of_the_plan() {
         (0..KNOTS).map(|k| plan.state(k).to_vec()).collect(),
         (0..KNOTS - 1).map(|k| plan.gain(k).unwrap().to_vec()).collect(),
         vec![SHORT; KNOTS],
-        [-0.05, -0.05, 1.45],
-        [0.05, 0.05, 1.55],
+        [-0.02, -0.02, 1.495],
+        [0.02, 0.02, 1.505],
     )
     .unwrap();
     let model = model();
