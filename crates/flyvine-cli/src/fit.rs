@@ -158,6 +158,9 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     say(&format!("fitting {} flights …", flights.len()));
     let (bank, report) = fit_progress::fit(&flights, &options)?;
     let bank = bank.with_inputs(inputs(arguments)?);
+    let noise = fit_progress::identify(&bank, &flights)?;
+    let levels = noise.as_ref().map(|noise| noise.levels);
+    let bank = bank.with_noise(levels).or_internal()?;
     let checked = check(&bank, &flights).or_internal()?;
     match arguments.ensemble {
         None => write_bank(&bank, &arguments.out)?,
@@ -166,6 +169,7 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     if let Some(folder) = &arguments.report {
         write_json(&folder.join("fit.json"), &report)?;
         write_json(&folder.join("check.json"), &checked)?;
+        write_json(&folder.join("noise.json"), &noise)?;
     }
     if arguments.json {
         print_json(&report)?;

@@ -1,5 +1,6 @@
 //! What a fit is doing, in words.
 
+use flyvine::control::estimator::{NoiseError, NoiseReport, identify_noise};
 use flyvine::flight::{Configuration, Flight};
 use flyvine::model::physical::{FitProgress, FitStage};
 use flyvine::model::{
@@ -21,6 +22,27 @@ pub fn fit(flights: &[Flight], options: &FamilyOptions) -> Result<(Bank, Familie
     narrator.end_stage();
     narrator.bar.finish_and_clear();
     fitted.or_input()
+}
+
+/// The noise levels of estimators on `bank`; `None` if no flight stays at one of its configurations, which is said.
+pub fn identify(bank: &Bank, flights: &[Flight]) -> Result<Option<NoiseReport>, Failure> {
+    let bar = progress(0, "finding noise levels");
+    let found = identify_noise(bank, flights, &mut |configuration| {
+        bar.set_message(format!(
+            "finding noise levels at {}",
+            configuration_label(configuration, None)
+        ));
+    });
+    bar.finish_and_clear();
+    match found {
+        Err(error @ NoiseError::TooShort { .. }) => {
+            say(&format!(
+                "note: estimators take the family's typical noise levels: {error}"
+            ));
+            Ok(None)
+        }
+        other => other.map(Some).or_internal(),
+    }
 }
 
 struct Narrator {

@@ -194,16 +194,7 @@ pub fn fly_plan(
     seed: u64,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<FlightOutcome, Failure> {
-    let bounds = plan.task.command_bounds();
-    let trajectory = Trajectory::new(
-        plan.commands.clone(),
-        plan.states.clone(),
-        plan.gains.clone(),
-        plan.configurations.clone(),
-        bounds.lower,
-        bounds.upper,
-    )
-    .or_input()?;
+    let trajectory = Trajectory::of_plan(plan).or_input()?;
     let model = plan.bank.scheduled(&plan.configurations).or_input()?;
     let mut controller: Box<dyn Controller> = match flying.controller {
         ControllerChoice::OpenLoop => Box::new(OpenLoop::new(&trajectory)),

@@ -98,6 +98,9 @@ pub fn fly(
         }
         let held_command = supervisor.setpoint();
         let credible = supervisor.observe(t_s, &observation, configuration);
+        if row == 0 {
+            controller.prepare(&credible);
+        }
         let proposal = if supervisor.reason().is_none() && row < last_knot {
             let started = Instant::now();
             let proposal = controller.propose(&Tick {

@@ -54,6 +54,11 @@ pub enum Proposal {
 /// A control law on a plan: the slot for your own. [`fly()`] calls it in flight as in simulation, and the supervisor
 /// stands between it and the vehicle.
 pub trait Controller {
+    /// Takes in where the vehicle hovers, once, before the first tick: here a controller may take its time.
+    fn prepare(&mut self, hovering: &Observation) {
+        let _ = hovering;
+    }
+
     /// Proposes the command u_k; called once for each knot that has one, in order from 0.
     fn propose(&mut self, tick: &Tick) -> Proposal;
 

@@ -1,9 +1,10 @@
 //! Shrinking-horizon replanning for tasks that must be somewhere at one instant: at every knot the constrained problem
 //! from the estimated state to the task's end is solved again.
 
-use super::estimator::{Estimator, EstimatorError, NoiseLevels};
+use super::estimator::{Estimator, EstimatorError};
 use super::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{StepReport, StepStatus};
+use crate::link::Observation;
 use crate::model::ScheduledModel;
 use crate::trajopt::{Dynamics, Options, Problem, ProblemError, Solver, Status};
 use std::time::Duration;
@@ -55,7 +56,7 @@ impl<'a> Replanning<'a> {
         problem: Problem,
     ) -> Result<Self, ReplanningError> {
         problem.validate(model)?;
-        let noise = NoiseLevels::typical(model);
+        let noise = *model.noise();
         let estimator = Estimator::new(model, &noise, trajectory.state(0), trajectory.start().0)?;
         let steps = trajectory.knots() - 1;
         Ok(Self {
@@ -143,6 +144,10 @@ impl<'a> Replanning<'a> {
 }
 
 impl Controller for Replanning<'_> {
+    fn prepare(&mut self, hovering: &Observation) {
+        self.estimator.settle(hovering);
+    }
+
     fn propose(&mut self, tick: &Tick) -> Proposal {
         self.estimator.update(tick);
         let mut state = vec![0.0; self.model.state_len()];

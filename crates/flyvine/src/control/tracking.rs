@@ -1,8 +1,9 @@
 //! Feedback on the gains of a time-varying regulator along the plan.
 
-use super::estimator::{Estimator, EstimatorError, NoiseLevels};
+use super::estimator::{Estimator, EstimatorError};
 use super::mpc::{Stage, TrackingWeights, jacobians_along, regulate};
 use super::{Controller, Proposal, Tick, Trajectory};
+use crate::link::Observation;
 use crate::model::ScheduledModel;
 use crate::trajopt::Dynamics;
 use nalgebra::DMatrix;
@@ -31,7 +32,7 @@ impl<'a> Tracking<'a> {
     /// # Errors
     /// The model is not the trajectory's, or does not take a position for its command.
     pub fn new(trajectory: &'a Trajectory, model: &'a ScheduledModel) -> Result<Self, EstimatorError> {
-        let noise = NoiseLevels::typical(model);
+        let noise = *model.noise();
         let estimator = Estimator::new(model, &noise, trajectory.state(0), trajectory.start().0)?;
         let mut state = vec![0.0; model.state_len()];
         state[..6].fill(POSE_WEIGHT);
@@ -54,6 +55,10 @@ impl<'a> Tracking<'a> {
 }
 
 impl Controller for Tracking<'_> {
+    fn prepare(&mut self, hovering: &Observation) {
+        self.estimator.settle(hovering);
+    }
+
     fn propose(&mut self, tick: &Tick) -> Proposal {
         self.estimator.update(tick);
         let lateness = self

@@ -1,6 +1,7 @@
 //! What is flown: the part of a plan that control needs.
 
 use crate::flight::Configuration;
+use crate::task::Plan;
 
 /// Entries of the state x at one instant: quadrotor position, attitude vector part, end-effector position.
 pub(super) const POSE_STATE_LEN: usize = 9;
@@ -55,6 +56,19 @@ pub enum TrajectoryError {
 }
 
 impl Trajectory {
+    /// The trajectory of a plan, with feedback within the command bounds of its task.
+    pub fn of_plan(plan: &Plan) -> Result<Self, TrajectoryError> {
+        let bounds = plan.task.command_bounds();
+        Self::new(
+            plan.commands.clone(),
+            plan.states.clone(),
+            plan.gains.clone(),
+            plan.configurations.clone(),
+            bounds.lower,
+            bounds.upper,
+        )
+    }
+
     /// Checks and keeps a trajectory of N knots:
     ///
     /// - `commands` (N−1): u*_k, m;

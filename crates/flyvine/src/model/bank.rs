@@ -4,6 +4,7 @@
 use super::band::PredictionBand;
 use super::error::ModelError;
 use super::family::Model;
+use super::noise::NoiseLevels;
 use super::options::FitOptions;
 use super::schedule::ScheduledModel;
 use super::selection::Candidate;
@@ -94,6 +95,7 @@ pub struct Bank {
     extrapolation: Extrapolation,
     provenance: BankProvenance,
     band: Option<PredictionBand>,
+    noise: Option<NoiseLevels>,
 }
 
 impl Bank {
@@ -144,6 +146,7 @@ impl Bank {
             extrapolation: Extrapolation::Refuse,
             provenance,
             band: None,
+            noise: None,
         })
     }
 
@@ -162,6 +165,23 @@ impl Bank {
     /// How far the end effector may be from a prediction; `None` if no flight was held out to measure it.
     pub fn band(&self) -> Option<&PredictionBand> {
         self.band.as_ref()
+    }
+
+    /// The same bank with noise levels for estimators on its models.
+    ///
+    /// # Errors
+    /// A level that is not a positive number.
+    pub fn with_noise(mut self, noise: Option<NoiseLevels>) -> Result<Self, ModelError> {
+        if let Some((name, found)) = noise.as_ref().and_then(NoiseLevels::invalid) {
+            return Err(ModelError::Noise { name, found });
+        }
+        self.noise = noise;
+        Ok(self)
+    }
+
+    /// Noise levels for estimators on the bank's models; `None` if they were not identified.
+    pub fn noise(&self) -> Option<&NoiseLevels> {
+        self.noise.as_ref()
     }
 
     /// The same bank with another policy for configurations outside its range; a file does not keep it.
@@ -252,7 +272,7 @@ impl Bank {
             let next = configurations.get(knot + 1).unwrap_or(&configurations[knot]);
             (next.length_m - configurations[knot].length_m) / crate::DT
         };
-        let mut schedule = ScheduledModel::default();
+        let mut schedule = ScheduledModel::with_noise(self.noise);
         for (knot, &configuration) in configurations.iter().enumerate() {
             let changed =
                 |before: usize| configuration != configurations[before] || growth(knot) != growth(before);

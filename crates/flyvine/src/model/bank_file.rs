@@ -3,6 +3,7 @@
 use super::band::PredictionBand;
 use super::bank::{Bank, BankModel, BankProvenance, InputFile};
 use super::error::ModelError;
+use super::noise::NoiseLevels;
 use crate::file::{sha256_hex, write_whole};
 use crate::flight::SIGNALS;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -23,6 +24,8 @@ struct BankFile {
     models: Vec<BankModel>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     band: Option<PredictionBand>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    noise: Option<NoiseLevels>,
 }
 
 /// Units of every number in the file, and the order of the state.
@@ -53,6 +56,7 @@ impl Serialize for Bank {
             provenance: self.provenance().clone(),
             models: self.models().to_vec(),
             band: self.band().cloned(),
+            noise: self.noise().copied(),
         };
         file.serialize(serializer)
     }
@@ -90,6 +94,7 @@ impl<'de> Deserialize<'de> for Bank {
         }
         Self::new(file.models, file.provenance)
             .and_then(|bank| bank.with_band(file.band))
+            .and_then(|bank| bank.with_noise(file.noise))
             .map_err(D::Error::custom)
     }
 }
@@ -170,6 +175,8 @@ mod tests {
         Bank::new(vec![model], BankProvenance::default())
             .unwrap()
             .with_inputs(inputs)
+            .with_noise(Some(NoiseLevels::LAG))
+            .unwrap()
     }
 
     /// The message for the bank's JSON with `from` replaced by `to`.
@@ -210,6 +217,8 @@ mod tests {
         );
         assert!(message("\"family\":\"lag\"", "\"family\":\"oracle\"").contains("unknown variant `oracle`"));
         assert!(message("\"offset\":[", "\"offset\":[null,").contains("null"));
+        let noise = message("\"gust_s\":1.0", "\"gust_s\":-1.0");
+        assert!(noise.contains("noise level gust_s: found -1"), "{noise}");
         let huge = message("\"offset\":[", "\"offset\":[1e999,");
         assert!(huge.contains("number out of range"), "{huge}");
     }

@@ -9,6 +9,14 @@ pub enum ModelError {
     /// The physical family cannot use its input.
     #[error(transparent)]
     Physical(#[from] super::physical::PhysicalError),
+    /// A noise level that is not positive, or not a number.
+    #[error("noise level {name}: found {found}, expected a positive number")]
+    Noise {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        found: f64,
+    },
     /// An array has the wrong length.
     #[error("{what}: found {found} values, expected {expected}")]
     Shape {

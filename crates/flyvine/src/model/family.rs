@@ -31,9 +31,18 @@ impl Model {
 
     /// The state z at rest, hovering at (0, 0, 1.5) with the arm hanging straight.
     pub fn rest_state(&self, configuration: Configuration) -> Vec<f64> {
+        self.rest_state_at(configuration, [0.0, 0.0, HOVER_HEIGHT_M])
+    }
+
+    /// The state at rest with the quadrotor at `position`, m.
+    pub fn rest_state_at(&self, configuration: Configuration, position: [f64; 3]) -> Vec<f64> {
         match self {
-            Self::Lag(model) => rest_state(configuration, model.lags()),
-            Self::Physical(model) => model.rest_state([0.0, 0.0, HOVER_HEIGHT_M]),
+            Self::Lag(model) => {
+                let [x, y, z] = position;
+                let rest = [x, y, z, 0.0, 0.0, 0.0, x, y, z - configuration.length_m];
+                rest.repeat(model.lags())
+            }
+            Self::Physical(model) => model.rest_state(position),
         }
     }
 

@@ -32,6 +32,7 @@ mod lag;
 mod learning;
 mod least_squares;
 mod matrix_file;
+mod noise;
 mod one_step;
 mod options;
 pub mod physical;
@@ -47,6 +48,7 @@ mod support;
 mod track;
 
 pub use band::{BAND_CONFIDENCE, PredictionBand};
+pub(crate) use bank::same;
 pub use bank::{
     Bank, BankModel, BankProvenance, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
     PRESSURE_TOLERANCE_KPA,
@@ -62,6 +64,7 @@ pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use learning::{Learner, Lesson, WeightTrial};
+pub use noise::{BodyNoise, NoiseLevels};
 pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 pub use rollout::RolloutError;

@@ -3,6 +3,7 @@
 use super::error::ModelError;
 use super::family::Model;
 use super::lag::LagModel;
+use super::noise::NoiseLevels;
 use crate::trajopt::Dynamics;
 
 /// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
@@ -12,6 +13,8 @@ pub struct ScheduledModel {
     models: Vec<Model>,
     /// Index into `models` per knot.
     model_of_knot: Vec<usize>,
+    /// The bank's, if it has them.
+    noise: Option<NoiseLevels>,
 }
 
 impl ScheduledModel {
@@ -46,6 +49,23 @@ impl ScheduledModel {
         Ok(Self {
             model_of_knot: (0..models.len()).collect(),
             models,
+            noise: None,
+        })
+    }
+
+    /// The schedule of a bank with these noise levels.
+    pub(crate) fn with_noise(noise: Option<NoiseLevels>) -> Self {
+        Self {
+            noise,
+            ..Self::default()
+        }
+    }
+
+    /// The noise levels that were identified with the models, or else the family's typical ones.
+    pub fn noise(&self) -> &NoiseLevels {
+        self.noise.as_ref().unwrap_or(match self.at_knot(0) {
+            Model::Lag(_) => &NoiseLevels::LAG,
+            Model::Physical(_) => &NoiseLevels::PHYSICAL,
         })
     }
 

@@ -15,18 +15,19 @@
 //! refused leaves the prediction: the filter coasts, and its covariance says how far it can be trusted.
 
 mod covariance;
-mod noise;
+mod identification;
+mod layout;
 
-pub use noise::{BodyNoise, NoiseLevels};
+pub use identification::{NoiseError, NoiseReport, identify_noise};
 
 use super::Tick;
 use super::trajectory::POSE_STATE_LEN;
 use crate::flight::Pose;
 use crate::link::Observation;
-use crate::model::{Model, ScheduledModel};
+use crate::model::{Model, NoiseLevels, ScheduledModel};
 use crate::trajopt::Dynamics;
 use covariance::Covariance;
-use noise::Layout;
+use layout::Layout;
 
 /// Number of disturbances, and of gusts.
 pub const DISTURBANCES: usize = 9;
@@ -122,7 +123,9 @@ impl<'a> Estimator<'a> {
         start: &[f64],
         command: [f64; 3],
     ) -> Result<Self, EstimatorError> {
-        noise.validate()?;
+        if let Some((name, found)) = noise.invalid() {
+            return Err(EstimatorError::Noise { name, found });
+        }
         let (n, m) = (model.state_len(), model.command_len());
         if m != 3 {
             return Err(EstimatorError::Command { found: m });
@@ -214,12 +217,11 @@ impl<'a> Estimator<'a> {
         )
     }
 
-    /// Everything that a controller's tick brings: time update with the command that was held, and the poses.
+    /// Everything that a controller's tick brings: time update with the command that was held, and the poses. What
+    /// the first tick sees, [`Self::settle`] has seen.
     pub fn update(&mut self, tick: &Tick) {
-        if tick.knot == 0 {
-            self.settle(&tick.observation);
-        } else {
-            self.predict(tick.knot - 1, tick.held_command);
+        if let Some(before) = tick.knot.checked_sub(1) {
+            self.predict(before, tick.held_command);
             self.correct(&tick.observation);
         }
     }

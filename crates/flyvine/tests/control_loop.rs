@@ -1,0 +1,93 @@
+//! The control loop makes no allocations, from the first tick to the last.
+
+use flyvine::DT;
+use flyvine::control::estimator::EstimatorError;
+use flyvine::control::mpc::{ModelPredictive, MpcOptions};
+use flyvine::control::supervisor::Limits;
+use flyvine::control::{Controller, Proposal, Tick, Tracking, Trajectory};
+use flyvine::flight::{Configuration, Pose};
+use flyvine::link::Observation;
+use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
+use flyvine::model::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics, ScheduledModel};
+use flyvine::task::{Plan, PlanOptions, Task, make_plan};
+use flyvine::trajopt::Dynamics;
+
+fn plan() -> Plan {
+    let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
+    let model = BankModel {
+        configuration: Configuration {
+            length_m: 0.7,
+            pressure_kpa: 0.0,
+        },
+        model: Model::Physical(Box::new(model)),
+        diagnostics: ModelDiagnostics::default(),
+    };
+    let bank = Bank::new(vec![model], BankProvenance::default()).unwrap();
+    let task = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../examples/tasks/lemniscate_5s_ES.toml"
+    );
+    let task = Task::read(std::path::Path::new(task)).unwrap();
+    make_plan(&task, &bank, &PlanOptions::default()).unwrap()
+}
+
+/// What motion capture sees of the state z.
+fn observe(knot: usize, z: &[f64]) -> Observation {
+    let vector = [z[3], z[4], z[5]];
+    let scalar = (1.0 - vector.iter().map(|v| v * v).sum::<f64>()).sqrt();
+    Observation {
+        t_s: knot as f64 * DT,
+        quadrotor: Some(Pose {
+            position: [z[0], z[1], z[2]],
+            attitude: [scalar, vector[0], vector[1], vector[2]],
+        }),
+        // Not every frame has the tip.
+        end_effector: (!(40..44).contains(&knot)).then_some([z[6], z[7], z[8]]),
+    }
+}
+
+/// Flies the model itself under a side wind, and counts the allocations of all ticks but not of the vehicle.
+fn allocations(controller: &mut dyn Controller, model: &ScheduledModel, trajectory: &Trajectory) -> u64 {
+    let mut z = trajectory.state(0).to_vec();
+    let mut fresh = vec![0.0; model.fresh_len()];
+    let mut held_command = trajectory.start().0;
+    let mut count = 0;
+    controller.prepare(&observe(0, &z));
+    for knot in 0..trajectory.knots() - 1 {
+        let tick = Tick {
+            knot,
+            observation: observe(knot, &z),
+            held_command,
+        };
+        let mut proposal = Proposal::Failed;
+        count += allocation_counter::measure(|| proposal = controller.propose(&tick)).count_total;
+        let Proposal::Command(command) = proposal else {
+            panic!("knot {knot}: {proposal:?}");
+        };
+        held_command = command;
+        model.step(knot, &z, &command, &mut fresh);
+        z.copy_from_slice(&fresh);
+        z[9] += 0.01; // velocity along x
+    }
+    count
+}
+
+#[test]
+fn ticks_do_not_allocate() -> Result<(), EstimatorError> {
+    let plan = plan();
+    let trajectory = Trajectory::of_plan(&plan).unwrap();
+    let model = plan.bank.scheduled(&plan.configurations).unwrap();
+    let mut tracking = Tracking::new(&trajectory, &model)?;
+    assert_eq!(allocations(&mut tracking, &model, &trajectory), 0, "tracking");
+    let room = Limits::default().room;
+    let mut predictive = ModelPredictive::new(
+        &trajectory,
+        &model,
+        &plan.reference,
+        &room,
+        &MpcOptions::default(),
+    )
+    .unwrap();
+    assert_eq!(allocations(&mut predictive, &model, &trajectory), 0, "predictive");
+    Ok(())
+}
