@@ -210,7 +210,9 @@ pub fn fly_plan(
         }
         ControllerChoice::Replan => {
             let problem = plan.problem().or_input()?;
-            let mut replanning = Replanning::new(&trajectory, &model, problem).or_input()?;
+            let mut replanning = Replanning::new(&trajectory, &model, problem)
+                .or_input()?
+                .with_command_change(plan.task.command_change);
             if let Some(limit) = flying.step_limit {
                 replanning = replanning.with_time_limit(limit);
             }

@@ -6,7 +6,8 @@ use super::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{StepReport, StepStatus};
 use crate::link::Observation;
 use crate::model::ScheduledModel;
-use crate::trajopt::{Dynamics, Options, Problem, ProblemError, Solver, Status};
+use crate::task::CommandChange;
+use crate::trajopt::{Dynamics, Options, Problem, ProblemError, Solver, Status, WithCommandChange};
 use std::time::Duration;
 
 /// Iterations of one replanning: it starts from the last answer.
@@ -35,6 +36,7 @@ pub struct Replanning<'a> {
     model: &'a ScheduledModel,
     problem: Problem,
     estimator: Estimator<'a>,
+    change: Option<CommandChange>,
     time_limit: Option<Duration>,
     /// Commands from the knot on at which the next one acts (flat).
     commands: Vec<f64>,
@@ -64,6 +66,7 @@ impl<'a> Replanning<'a> {
             model,
             problem,
             estimator,
+            change: None,
             time_limit: None,
             commands: (0..steps).flat_map(|knot| trajectory.command(knot)).collect(),
             first: 0,
@@ -71,6 +74,12 @@ impl<'a> Replanning<'a> {
             gust: vec![0.0; model.fresh_len()],
             report: None,
         })
+    }
+
+    /// With the cost and the limit of the task on changes of the command.
+    pub fn with_command_change(mut self, change: Option<CommandChange>) -> Self {
+        self.change = change;
+        self
     }
 
     /// Answers after `limit` at the latest.
@@ -103,7 +112,7 @@ impl<'a> Replanning<'a> {
     }
 
     /// Solves the rest of the problem; false if it is none.
-    fn replan(&mut self, knot: usize, state: Vec<f64>) -> bool {
+    fn replan(&mut self, knot: usize, state: Vec<f64>, held_command: [f64; 3]) -> bool {
         let rest = self.rest_of_problem(knot, state);
         self.commands.clone_from(&rest.command_guess);
         self.first = knot;
@@ -119,7 +128,15 @@ impl<'a> Replanning<'a> {
             time_limit: self.time_limit,
             ..Options::default()
         };
-        let Ok(mut solver) = Solver::new(&rest, &pushed, options) else {
+        let joined = WithCommandChange::new(&pushed);
+        let (rest, dynamics): (Problem, &dyn Dynamics) = match self.change {
+            None => (rest, &pushed),
+            Some(CommandChange { weight, max_m }) => {
+                let largest = max_m.unwrap_or(f64::INFINITY);
+                (joined.pose(&rest, &held_command, weight, largest), &joined)
+            }
+        };
+        let Ok(mut solver) = Solver::new(&rest, dynamics, options) else {
             return false; // the estimate is not finite
         };
         let solution = solver.solve();
@@ -159,7 +176,7 @@ impl Controller for Replanning<'_> {
         if knot + 1 >= self.trajectory.knots() {
             return Proposal::Command(tick.held_command);
         }
-        if !self.replan(knot, state) {
+        if !self.replan(knot, state, tick.held_command) {
             return Proposal::Failed;
         }
         let command = std::array::from_fn(|axis| self.commands[axis]);

@@ -47,13 +47,13 @@ impl NoiseLevels {
     /// For the lag family, where nothing was identified.
     pub const LAG: Self = Self {
         measured: BodyNoise {
-            quadrotor_m: 1e-3,
+            quadrotor_m: 3e-4,
             attitude: 1e-3,
-            end_effector_m: 1e-3,
+            end_effector_m: 3e-4,
         },
         process: BodyNoise {
             quadrotor_m: 5e-4,
-            attitude: 2e-3,
+            attitude: 4e-3,
             end_effector_m: 1e-3,
         },
         disturbance: BodyNoise {

@@ -33,6 +33,9 @@ pub struct Task {
     /// Command bounds, m; the paper's for the motion where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command_bounds: Option<Bounds>,
+    /// What changes of the command cost, and how large they may be.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command_change: Option<CommandChange>,
     /// Bounds on signals of the state, in addition to those that the motion brings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub state_bounds: Vec<SignalBound>,
@@ -166,6 +169,19 @@ pub struct Bounds {
     pub lower: [f64; 3],
     /// Upper corner.
     pub upper: [f64; 3],
+}
+
+/// What it costs that the command changes from one knot to the next. Without it a plan may use motions faster than any
+/// flight that its models were fitted to.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommandChange {
+    /// Cost of the squared change of each axis, per m².
+    #[serde(default)]
+    pub weight: f64,
+    /// Largest change of each axis, m per knot; no limit where left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_m: Option<f64>,
 }
 
 /// Bound on one signal at every knot after the first.
@@ -318,6 +334,17 @@ impl Task {
                 .then_some(())
                 .ok_or_else(|| TaskError::value(name, field, format!("{values:?}"), "finite numbers"))
         };
+        if let Some(CommandChange { weight, max_m }) = self.command_change {
+            if !(weight.is_finite() && weight >= 0.0) {
+                return Err(TaskError::value(
+                    name,
+                    "command_change.weight",
+                    weight,
+                    "a number ≥ 0",
+                ));
+            }
+            max_m.map_or(Ok(()), |max_m| positive("command_change.max_m", max_m))?;
+        }
         let configuration = |field: &str, configuration: &Configuration| {
             positive(&format!("{field}.length_m"), configuration.length_m)?;
             let pressure = configuration.pressure_kpa;

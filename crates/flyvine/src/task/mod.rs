@@ -19,8 +19,8 @@ mod waypoints;
 
 pub use command_reference::CommandReference;
 pub use file::{
-    Bounds, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint, Waypoints,
-    Weights,
+    Bounds, CommandChange, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint,
+    Waypoints, Weights,
 };
 pub use plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,

@@ -8,7 +8,8 @@ use super::{CommandReference, Motion, Reference, Task, pose_problem};
 use crate::flight::SIGNALS;
 use crate::model::{Bank, ScheduledModel};
 use crate::trajopt::{
-    ConstraintSource, Dynamics, Ensemble, Problem, ProblemError, Solution, Solver, Status, Violation,
+    ConstraintSource, Dynamics, Ensemble, Entry, Problem, ProblemError, Solution, Solver, Status, Violation,
+    WithCommandChange,
 };
 
 /// Cost per metre of an ensemble's mean distance from a swing's target, where the task names no price.
@@ -29,16 +30,19 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
         task: named(),
         source,
     };
+    let optimized = Optimized::new(task, &problem, &model.dynamics, options).map_err(malformed)?;
     let mut solver = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
-    let solution = solver.solve();
-    let place = |index: usize| (String::new(), index);
-    let solve = summarize(solution, solution, &problem, &reference, options, place);
+    let motion = match optimized.entries {
+        None => &optimized.solution,
+        Some(_) => solver.regulate(&optimized.solution.commands).map_err(malformed)?,
+    };
+    let solve = optimized.summarize(motion, &reference, options, signal_name);
     Ok(plan(
         task,
         bank,
         &reference,
         &command_reference,
-        solution,
+        motion,
         solve,
         options,
     ))
@@ -79,17 +83,16 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
         _ => TARGET_PRICE,
     };
     let problem = ensemble.pose(&problems, price).map_err(no_ensemble)?;
-    let mut solver = Solver::new(&problem, &ensemble, options.solver.clone()).map_err(malformed)?;
-    let solution = solver.solve();
+    let optimized = Optimized::new(task, &problem, &ensemble, options).map_err(malformed)?;
 
     let mut first =
         Solver::new(&problems[0], &models[0].dynamics, options.solver.clone()).map_err(malformed)?;
-    let regulated = first.regulate(&solution.commands).map_err(malformed)?;
-    let place = |index: usize| {
+    let regulated = first.regulate(&optimized.solution.commands).map_err(malformed)?;
+    let name = |index: usize| {
         let (member, index) = ensemble.locate(index);
-        (format!("member {member}: "), index)
+        format!("member {member}: {}", signal_name(index))
     };
-    let solve = summarize(solution, regulated, &problem, &reference, options, place);
+    let solve = optimized.summarize(regulated, &reference, options, name);
     let mut plan = plan(
         task,
         &banks[0],
@@ -101,7 +104,7 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
     );
     plan.ensemble = (0..banks.len())
         .map(|member| {
-            let states = ensemble.member_states(member, &solution.states);
+            let states = ensemble.member_states(member, &optimized.states);
             predict(task, &reference, &problems[member], &states)
         })
         .collect();
@@ -195,79 +198,143 @@ fn plan(
     }
 }
 
-/// How the solve of `problem` ended; `motion` is what the plan shows. `place` turns an entry of the problem's state into
-/// words that say whose it is, and the entry of that one's state.
-fn summarize(
-    solution: &Solution,
-    motion: &Solution,
-    problem: &Problem,
-    reference: &Reference,
-    options: &PlanOptions,
-    place: impl Fn(usize) -> (String, usize),
-) -> SolveSummary {
-    let constraint = |source: ConstraintSource, index: usize| {
-        let (whose, index) = place(index);
-        let signal = SIGNALS.get(index).copied().unwrap_or("hidden state");
-        match source {
-            ConstraintSource::Equality(i) => format!("{whose}{signal} = {}", problem.equalities[i].value),
-            ConstraintSource::StateBound(i) => {
-                let bound = &problem.state_bounds[i];
-                format!("{whose}{signal} in [{}, {}]", bound.lower, bound.upper)
-            }
-        }
-    };
-    let words = |violation: &Violation| {
-        let Violation {
-            source,
-            index,
-            first_knot,
-            last_knot,
-            worst_knot,
-            violation,
-        } = *violation;
-        let knots = if first_knot == last_knot {
-            format!("knot {worst_knot}")
-        } else {
-            format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
+/// A task's problem, posed with what changes of the command cost, and solved.
+struct Optimized {
+    problem: Problem,
+    solution: Solution,
+    /// The states of the dynamics themselves (N × n).
+    states: Vec<f64>,
+    /// What the entries of the problem's state are; none if they are those of the dynamics.
+    entries: Option<Vec<Entry>>,
+}
+
+impl Optimized {
+    fn new(
+        task: &Task,
+        problem: &Problem,
+        dynamics: &dyn Dynamics,
+        options: &PlanOptions,
+    ) -> Result<Self, ProblemError> {
+        let Some(change) = task.command_change else {
+            let mut solver = Solver::new(problem, dynamics, options.solver.clone())?;
+            let solution = solver.solve().clone();
+            return Ok(Self {
+                problem: problem.clone(),
+                states: solution.states.clone(),
+                solution,
+                entries: None,
+            });
         };
-        let constraint = constraint(source, index);
-        format!("{constraint} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
-    };
-    let on_states = solution.multipliers.iter().map(|active| Sensitivity {
-        constraint: constraint(active.source, active.index),
-        knot: active.knot,
-        multiplier: active.multiplier,
-    });
-    let command_len = problem.command_len();
-    let on_commands = solution
-        .command_multipliers
-        .iter()
-        .enumerate()
-        .map(|(i, &multiplier)| {
-            let (axis, side) = (
-                ["x", "y", "z"][i % command_len],
-                if multiplier > 0.0 { "upper" } else { "lower" },
-            );
-            Sensitivity {
-                constraint: format!("cmd_{axis} at its {side} bound"),
-                knot: i / command_len,
-                multiplier,
-            }
-        });
-    let active = |sensitivity: &Sensitivity| sensitivity.multiplier != 0.0;
-    let sensitivities = on_states.chain(on_commands).filter(active).collect();
-    let violated = solution.diagnosis(options.solver.violation_tolerance);
-    SolveSummary {
-        status: solution.status.name().to_owned(),
-        converged: solution.status == Status::Converged,
-        cost: solution.cost,
-        max_violation: solution.max_violation,
-        stationarity: solution.stationarity,
-        iterations: solution.iterations,
-        violated: violated.iter().map(words).collect(),
-        predicted_error_m: mean_error_m(reference, &motion.states),
-        sensitivities,
+        let joined = WithCommandChange::new(dynamics);
+        // At rest the command is where the quadrotor is.
+        let before = &problem.start[..problem.command_len()];
+        let largest = change.max_m.unwrap_or(f64::INFINITY);
+        let problem = joined.pose(problem, before, change.weight, largest);
+        let mut solver = Solver::new(&problem, &joined, options.solver.clone())?;
+        let solution = solver.solve().clone();
+        Ok(Self {
+            states: joined.own_states(&solution.states),
+            entries: Some(
+                (0..problem.start.len())
+                    .map(|index| joined.entry(index))
+                    .collect(),
+            ),
+            problem,
+            solution,
+        })
     }
+
+    /// How the solve ended; `motion` is what the plan shows. `name` names an entry of the dynamics' state.
+    fn summarize(
+        &self,
+        motion: &Solution,
+        reference: &Reference,
+        options: &PlanOptions,
+        name: impl Fn(usize) -> String,
+    ) -> SolveSummary {
+        let Self {
+            problem,
+            solution,
+            entries,
+            ..
+        } = self;
+        let name = |index: usize| match entries
+            .as_ref()
+            .map_or(Entry::State(index), |entries| entries[index])
+        {
+            Entry::State(index) => name(index),
+            Entry::Command(axis) => format!("cmd_{}", AXES[axis]),
+            Entry::Change(axis) => format!("change of cmd_{}", AXES[axis]),
+        };
+        let constraint = |source: ConstraintSource, index: usize| {
+            let signal = name(index);
+            match source {
+                ConstraintSource::Equality(i) => format!("{signal} = {}", problem.equalities[i].value),
+                ConstraintSource::StateBound(i) => {
+                    let bound = &problem.state_bounds[i];
+                    format!("{signal} in [{}, {}]", bound.lower, bound.upper)
+                }
+            }
+        };
+        let words = |violation: &Violation| {
+            let Violation {
+                source,
+                index,
+                first_knot,
+                last_knot,
+                worst_knot,
+                violation,
+            } = *violation;
+            let knots = if first_knot == last_knot {
+                format!("knot {worst_knot}")
+            } else {
+                format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
+            };
+            let constraint = constraint(source, index);
+            format!("{constraint} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
+        };
+        let on_states = solution.multipliers.iter().map(|active| Sensitivity {
+            constraint: constraint(active.source, active.index),
+            knot: active.knot,
+            multiplier: active.multiplier,
+        });
+        let command_len = problem.command_len();
+        let on_commands = solution
+            .command_multipliers
+            .iter()
+            .enumerate()
+            .map(|(i, &multiplier)| {
+                let (axis, side) = (
+                    AXES[i % command_len],
+                    if multiplier > 0.0 { "upper" } else { "lower" },
+                );
+                Sensitivity {
+                    constraint: format!("cmd_{axis} at its {side} bound"),
+                    knot: i / command_len,
+                    multiplier,
+                }
+            });
+        let active = |sensitivity: &Sensitivity| sensitivity.multiplier != 0.0;
+        let sensitivities = on_states.chain(on_commands).filter(active).collect();
+        let violated = solution.diagnosis(options.solver.violation_tolerance);
+        SolveSummary {
+            status: solution.status.name().to_owned(),
+            converged: solution.status == Status::Converged,
+            cost: solution.cost,
+            max_violation: solution.max_violation,
+            stationarity: solution.stationarity,
+            iterations: solution.iterations,
+            violated: violated.iter().map(words).collect(),
+            predicted_error_m: mean_error_m(reference, &motion.states),
+            sensitivities,
+        }
+    }
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+fn signal_name(index: usize) -> String {
+    SIGNALS.get(index).copied().unwrap_or("hidden state").to_owned()
 }
 
 /// Mean distance from end effector to reference over flat states (N × n), m.

@@ -7,12 +7,13 @@
 //! ```
 //!
 //! where a constraint may also be soft: then its violation costs a price. An [`Ensemble`] plans for several models at
-//! once.
+//! once; [`WithCommandChange`] makes changes of the command cost or bounds them.
 //!
 //! Nothing here knows of files, flights, or where a model came from.
 
 mod augmented_lagrangian;
 mod batch;
+mod command_change;
 mod dynamics;
 mod ensemble;
 mod ilqr;
@@ -24,6 +25,7 @@ mod solver;
 mod start;
 
 pub use batch::{BestOfMany, MultiStart, multi_start, solve_batch};
+pub use command_change::{Entry, WithCommandChange};
 pub use dynamics::Dynamics;
 pub use ensemble::{Ensemble, EnsembleError};
 pub use options::Options;

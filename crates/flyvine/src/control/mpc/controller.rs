@@ -25,10 +25,11 @@ pub struct MpcOptions {
     pub end_effector: f64,
     /// Weight on every other entry of the newest pose, from the plan's.
     pub pose: f64,
-    /// Weight on the command's deviation from the plan's.
-    pub command: f64,
-    /// Weight on the change of that deviation from one knot to the next.
-    pub command_change: f64,
+    /// Weight on the command's deviation from the plan's; without it 0.1, on lag models 5.
+    pub command: Option<f64>,
+    /// Weight on the change of that deviation from one knot to the next; without it 1, on lag models 10: under lighter
+    /// weights the horizon follows their modes that the vehicle does not have, and flies out of the room.
+    pub command_change: Option<f64>,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
     /// How far inside the room's walls the soft bounds are, m.
@@ -45,8 +46,8 @@ impl Default for MpcOptions {
             stages: 25,
             end_effector: 100.0,
             pose: 0.1,
-            command: 0.1,
-            command_change: 1.0,
+            command: None,
+            command_change: None,
             command_change_max_m: 0.5,
             room_margin_m: 0.1,
             room_penalty: 1e4,
@@ -64,12 +65,6 @@ pub enum MpcError {
     /// The model or noise levels do not suit the estimator.
     #[error(transparent)]
     Estimator(#[from] EstimatorError),
-    /// The plan's models are lag models: with them the horizon has been seen to fly out of the room.
-    #[error(
-        "found models of the lag family; expected the physical family (`fit --family physical`): on lag models \
-         model-predictive control is not stable"
-    )]
-    LagFamily,
     /// A setting that is not a number in its range.
     #[error("MPC option {name}: found {found}, expected {expected}")]
     Option {
@@ -94,14 +89,14 @@ impl MpcOptions {
     fn validate(&self) -> Result<(), MpcError> {
         let positive = [
             ("stages", self.stages as f64),
-            ("command", self.command),
+            ("command", self.command.unwrap_or(1.0)),
             ("command_change_max_m", self.command_change_max_m),
             ("room_penalty", self.room_penalty),
         ];
         let not_negative = [
             ("end_effector", self.end_effector),
             ("pose", self.pose),
-            ("command_change", self.command_change),
+            ("command_change", self.command_change.unwrap_or(0.0)),
             ("room_margin_m", self.room_margin_m),
         ];
         for (name, found) in positive {
@@ -128,14 +123,18 @@ impl MpcOptions {
         Ok(())
     }
 
-    fn weights(&self, state_len: usize) -> TrackingWeights {
-        let mut state = vec![0.0; state_len];
+    fn weights(&self, model: &ScheduledModel) -> TrackingWeights {
+        let (command, command_change) = match model.at_knot(0) {
+            Model::Lag(_) => (5.0, 10.0),
+            Model::Physical(_) => (0.1, 1.0),
+        };
+        let mut state = vec![0.0; model.state_len()];
         state[..6].fill(self.pose);
         state[6..9].fill(self.end_effector);
         TrackingWeights {
             state,
-            command: vec![self.command; 3],
-            command_change: vec![self.command_change; 3],
+            command: vec![self.command.unwrap_or(command); 3],
+            command_change: vec![self.command_change.unwrap_or(command_change); 3],
         }
     }
 }
@@ -171,9 +170,6 @@ impl<'a> ModelPredictive<'a> {
         room: &Room,
         options: &MpcOptions,
     ) -> Result<Self, MpcError> {
-        if matches!(model.at_knot(0), Model::Lag(_)) && std::env::var("LAGMPC").is_err() {
-            return Err(MpcError::LagFamily);
-        }
         options.validate()?;
         if end_effector.len() != trajectory.knots() {
             return Err(MpcError::Reference {
@@ -186,7 +182,7 @@ impl<'a> ModelPredictive<'a> {
         let estimator = Estimator::new(model, &noise, trajectory.state(0), start_command)?;
         let limits = limits(trajectory, room, options);
         let bounded: Vec<usize> = limits.states.iter().map(|bound| bound.index).collect();
-        let weights = options.weights(model.state_len());
+        let weights = options.weights(model);
         let plan = LinearizedPlan::new(
             trajectory,
             model,
