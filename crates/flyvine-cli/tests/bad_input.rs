@@ -233,6 +233,14 @@ fn broken_tasks() {
         &["command_bounds", "2.5"],
     );
     task(
+        &swing.replace("weight = 30.0", "weight = -1.0"),
+        &["command_change.weight", "-1"],
+    );
+    task(
+        &swing.replace("weight = 30.0", "max_m = 0.0"),
+        &["command_change.max_m", "0"],
+    );
+    task(
         &format!("{swing}\n[lemniscate]\nperiod_s = 5.0\nramp_s = 3.0\n"),
         &["exactly one"],
     );
