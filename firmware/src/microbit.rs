@@ -53,6 +53,11 @@ impl Microbit {
 
         // The interrupt is for received bytes alone: sending polls.
         peripherals.UART0.intenset.write(|w| w.rxdrdy().set());
+        // The HAL begins with a byte that makes the UART say "ready to send"; qemu sends it only if already started.
+        peripherals.UART0.enable.write(|w| w.enable().enabled());
+        // SAFETY: a task register takes any number, and starting to send touches no memory.
+        #[allow(unsafe_code)]
+        peripherals.UART0.tasks_starttx.write(|w| unsafe { w.bits(1) });
         let uart_pins = Pins {
             txd: pins.p0_24.into_push_pull_output(Level::High).degrade(),
             rxd: pins.p0_25.into_floating_input().degrade(),

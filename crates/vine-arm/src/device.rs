@@ -77,7 +77,7 @@ impl Device {
         let actuators = self.controller.step(dt_us as f32 * 1e-6, sensors);
         self.since_telemetry_us = self.since_telemetry_us.saturating_add(dt_us);
         if self.since_telemetry_us >= TELEMETRY_PERIOD_US || self.controller.state() != self.reported {
-            self.since_telemetry_us = 0;
+            self.since_telemetry_us %= TELEMETRY_PERIOD_US;
             self.reported = self.controller.state();
             let message = Message::Telemetry(self.telemetry(sensors, actuators));
             send(
