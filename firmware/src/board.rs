@@ -20,6 +20,9 @@ pub trait Board {
     /// Drives motor and pumps.
     fn apply(&mut self, actuators: Actuators);
 
+    /// Sleeps until a byte has arrived or a control period is over, whichever comes first.
+    fn sleep(&mut self);
+
     /// Tells the hardware watchdog that the main loop runs; without this for a quarter of a second the board resets.
     fn feed_watchdog(&mut self);
 }

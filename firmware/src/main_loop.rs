@@ -7,7 +7,7 @@ use vine_arm::Device;
 use crate::board::Board;
 
 /// Control period, µs.
-const PERIOD_US: u32 = 5_000;
+pub const PERIOD_US: u32 = 5_000;
 
 /// Frames on their way to the host. A frame that does not fit is dropped whole: the line is slower than the answers,
 /// and the host misses an acknowledgement.
@@ -20,7 +20,7 @@ fn post(outbox: &mut Outbox, frame: &[u8]) {
     }
 }
 
-/// Runs the arm for ever. No part of the loop waits, and bytes are taken a few at a time, so that neither a silent nor
+/// Runs the arm for ever. No part of the loop waits but its sleep, and bytes are taken a few at a time, so that neither a silent nor
 /// a shouting host delays a control step.
 pub fn run(mut board: impl Board, mut device: Device) -> ! {
     let mut outbox = Outbox::new();
@@ -43,6 +43,8 @@ pub fn run(mut board: impl Board, mut device: Device) -> ! {
             let sensors = board.sensors();
             board.apply(device.step(elapsed_us, sensors, |frame| post(&mut outbox, frame)));
             board.feed_watchdog();
+        } else if outbox.is_empty() {
+            board.sleep();
         }
     }
 }

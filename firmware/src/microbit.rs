@@ -5,6 +5,7 @@
 //! read that. The nRF51 has no PWM unit either; the motor's enable input is a number in memory.
 
 mod serial;
+mod tick;
 
 use core::convert::Infallible;
 
@@ -50,21 +51,28 @@ impl Microbit {
         // A free-running microsecond clock.
         let mut timer = Timer::periodic(peripherals.TIMER0);
         timer.start(u32::MAX);
+        tick::start(peripherals.TIMER1);
 
-        // The interrupt is for received bytes alone: sending polls.
-        peripherals.UART0.intenset.write(|w| w.rxdrdy().set());
-        // The HAL begins with a byte that makes the UART say "ready to send"; qemu sends it only if already started.
+        // Enabled first: qemu ignores every other register of a disabled UART. Started too: the HAL begins with a byte
+        // that makes the UART say "ready to send", and qemu drops it before the start.
         peripherals.UART0.enable.write(|w| w.enable().enabled());
         // SAFETY: a task register takes any number, and starting to send touches no memory.
         #[allow(unsafe_code)]
         peripherals.UART0.tasks_starttx.write(|w| unsafe { w.bits(1) });
+        // The interrupt is for received bytes alone: sending polls.
+        peripherals.UART0.intenset.write(|w| w.rxdrdy().set());
         let uart_pins = Pins {
             txd: pins.p0_24.into_push_pull_output(Level::High).degrade(),
             rxd: pins.p0_25.into_floating_input().degrade(),
             cts: None,
             rts: None,
         };
-        let uart = Uart::new(peripherals.UART0, uart_pins, Parity::EXCLUDED, Baudrate::BAUD115200);
+        let uart = Uart::new(
+            peripherals.UART0,
+            uart_pins,
+            Parity::EXCLUDED,
+            Baudrate::BAUD115200,
+        );
 
         // On the edge connector: 0, 1, 2 for the motor's bridge and the pumps, 8 for a vent.
         let output = |pin: Pin<Disconnected>| pin.into_push_pull_output(Level::Low);
@@ -94,7 +102,10 @@ impl Microbit {
         let duty = f32::from(self.motor.enable.duty) / f32::from(SimulatedPwm::FULL);
         let is_high = |pin: &mut OutputPin| pin.is_set_high().unwrap_or(false);
         Actuators {
-            growth_duty: match (is_high(&mut self.motor.forward), is_high(&mut self.motor.backward)) {
+            growth_duty: match (
+                is_high(&mut self.motor.forward),
+                is_high(&mut self.motor.backward),
+            ) {
                 (true, false) => duty,
                 (false, true) => -duty,
                 _ => 0.0,
@@ -143,6 +154,10 @@ impl Board for Microbit {
     fn apply(&mut self, actuators: Actuators) {
         self.motor.drive(actuators.growth_duty);
         self.air.set(actuators.air);
+    }
+
+    fn sleep(&mut self) {
+        self.serial.sleep_if_empty();
     }
 
     fn feed_watchdog(&mut self) {

@@ -36,6 +36,21 @@ impl Serial {
         Serial(())
     }
 
+    /// Sleeps until the next interrupt, unless bytes are waiting.
+    pub fn sleep_if_empty(&mut self) {
+        // Inside the critical section an interrupt cannot be served between the look and the sleep, but it still ends
+        // the sleep.
+        critical_section::with(|token| {
+            if SHARED
+                .borrow_ref(token)
+                .as_ref()
+                .is_none_or(|shared| shared.received.is_empty())
+            {
+                cortex_m::asm::wfi();
+            }
+        });
+    }
+
     /// Runs `f` on what is shared, which is there as long as a `Serial` is.
     fn with<T>(&self, f: impl FnOnce(&mut Shared) -> T) -> Option<T> {
         critical_section::with(|token| SHARED.borrow_ref_mut(token).as_mut().map(f))
