@@ -41,6 +41,11 @@ impl PacketSplitter {
         let taken = self.buffer.len() - rest.len();
         self.buffer.drain(..taken);
     }
+
+    /// Whether the bytes so far end inside a packet.
+    pub(super) fn is_cut(&self) -> bool {
+        !self.buffer.is_empty()
+    }
 }
 
 /// The length of the packet that `bytes` begin with: `Some(None)` if more bytes are needed to tell, `None` if they begin
@@ -92,7 +97,9 @@ mod tests {
     fn what_is_no_packet_is_skipped() {
         let (mut splitter, mut found) = (PacketSplitter::default(), Vec::new());
         let noise = [0, 1, 2, MAGIC_V2, 9, 0x80, 3];
-        splitter.extend(&[&noise[..], &v1(4)].concat(), |packet| found.push(packet.to_vec()));
+        splitter.extend(&[&noise[..], &v1(4)].concat(), |packet| {
+            found.push(packet.to_vec())
+        });
         assert_eq!(found, [v1(4)]);
         assert_eq!(splitter.skipped, noise.len() as u64);
     }
