@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::DT;
-use crate::flight::Flight;
+use crate::flight::{Flight, Sample};
 
 /// Where a swing shall bring the end effector, and when.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -57,7 +57,10 @@ fn is_zero(count: &usize) -> bool {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ScoreError {
     /// The flight is not a flight of this plan.
-    #[error("flight {flight}: found {rows} rows, expected at most {knots}, one for each knot of the plan")]
+    #[error(
+        "flight {flight}: found {rows} rows, expected at most {knots}, one for each knot of the plan, but for rows in \
+         which the last command was held"
+    )]
     RowCount {
         /// Name of the flight.
         flight: String,
@@ -143,7 +146,8 @@ pub fn score(
     check_finite("prediction knot", prediction.iter().copied().map(Some))?;
 
     let measured = |k: usize| flight.samples.get(k)?.end_effector;
-    let rows = flight.samples.len();
+    // Behind an abort near the plan's end the position was held on.
+    let rows = flight.samples.len().min(reference.len());
     let seen: Vec<usize> = (0..rows).filter(|&k| measured(k).is_some()).collect();
     let statistics_to = |expected: &[[f64; 3]]| {
         DistanceStatistics::of(
@@ -215,7 +219,8 @@ fn check_shapes(
             knots,
         });
     }
-    if flight.samples.len() > knots {
+    let held = |row: &Sample| row.command == flight.samples[knots - 1].command;
+    if !flight.samples[knots.min(flight.samples.len())..].iter().all(held) {
         let (flight, rows) = (flight.name.clone(), flight.samples.len());
         return Err(ScoreError::RowCount { flight, rows, knots });
     }
@@ -266,7 +271,7 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flight::{Configuration, Sample};
+    use crate::flight::Configuration;
 
     /// A flight whose rows hold the given end-effector positions.
     fn flight(positions: &[Option<[f64; 3]>]) -> Flight {
@@ -384,8 +389,18 @@ mod tests {
     }
 
     #[test]
+    fn rows_behind_the_plan_count_only_as_a_hold_after_an_abort() {
+        let held = flight(&[Some([0.0; 3]), Some([0.1; 3]), Some([5.0; 3]), Some([5.0; 3])]);
+        let plan = [[0.0; 3]; 2];
+        let score = score(&held, &plan, &plan, None).unwrap();
+        assert_eq!((score.rows, score.rows_missing, score.knots_not_flown), (2, 0, 0));
+        assert!(score.ee_vs_reference.max_m < 0.2);
+    }
+
+    #[test]
     fn mismatches_are_named() {
-        let flown = flight(&[Some([0.0; 3]), Some([0.0; 3])]);
+        let mut flown = flight(&[Some([0.0; 3]), Some([0.0; 3])]);
+        flown.samples[1].command = [0.1; 3];
         let plan = [[0.0; 3]; 2];
         let target = |knot, x| {
             Some(SwingTarget {

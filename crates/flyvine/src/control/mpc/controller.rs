@@ -25,11 +25,11 @@ pub struct MpcOptions {
     pub end_effector: f64,
     /// Weight on every other entry of the newest pose, from the plan's.
     pub pose: f64,
-    /// Weight on the command's deviation from the plan's; without it 0.1, on lag models 5.
+    /// Weight on the command's deviation from the plan's; without it 1, on lag models 5.
     pub command: Option<f64>,
-    /// Weight on the change of that deviation from one knot to the next; without it 1, on lag models 10: under lighter
-    /// weights the horizon follows their modes that the vehicle does not have, and flies out of the room.
-    pub command_change: Option<f64>,
+    /// Weight on the change of that deviation from one knot to the next; without it 10. Under lighter weights the horizon
+    /// relies on the model's fast motions: where the flights had none (no steps), it has been seen to fly out of the room.
+    pub command_change: f64,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
     /// How far inside the room's walls the soft bounds are, m.
@@ -47,7 +47,7 @@ impl Default for MpcOptions {
             end_effector: 100.0,
             pose: 0.1,
             command: None,
-            command_change: None,
+            command_change: 10.0,
             command_change_max_m: 0.5,
             room_margin_m: 0.1,
             room_penalty: 1e4,
@@ -96,7 +96,7 @@ impl MpcOptions {
         let not_negative = [
             ("end_effector", self.end_effector),
             ("pose", self.pose),
-            ("command_change", self.command_change.unwrap_or(0.0)),
+            ("command_change", self.command_change),
             ("room_margin_m", self.room_margin_m),
         ];
         for (name, found) in positive {
@@ -124,9 +124,9 @@ impl MpcOptions {
     }
 
     fn weights(&self, model: &ScheduledModel) -> TrackingWeights {
-        let (command, command_change) = match model.at_knot(0) {
-            Model::Lag(_) => (5.0, 10.0),
-            Model::Physical(_) => (0.1, 1.0),
+        let command = match model.at_knot(0) {
+            Model::Lag(_) => 5.0,
+            Model::Physical(_) => 1.0,
         };
         let mut state = vec![0.0; model.state_len()];
         state[..6].fill(self.pose);
@@ -134,7 +134,7 @@ impl MpcOptions {
         TrackingWeights {
             state,
             command: vec![self.command.unwrap_or(command); 3],
-            command_change: vec![self.command_change.unwrap_or(command_change); 3],
+            command_change: vec![self.command_change; 3],
         }
     }
 }
