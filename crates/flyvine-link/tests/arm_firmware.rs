@@ -4,6 +4,8 @@
 //! one named by FLYVINE_FIRMWARE_IMAGE). Where they are absent the tests say that they skip; with
 //! FLYVINE_REQUIRE_PEERS=1 they fail.
 
+#![allow(clippy::print_stdout)] // a skip, and what was measured, must be seen
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
