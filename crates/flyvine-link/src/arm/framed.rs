@@ -1,7 +1,7 @@
 //! The arm's protocol over a line of bytes: a serial port, or datagrams to the companion computer.
 
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{ToSocketAddrs, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, ToSocketAddrs, UdpSocket};
 
 use super::client::{ArmClient, ArmStatus};
 use super::{Arm, ArmError, check_finite};
@@ -94,12 +94,13 @@ impl UdpLine {
     pub fn connect(address: impl ToSocketAddrs) -> io::Result<UdpLine> {
         let nowhere = || io::Error::new(ErrorKind::NotFound, "the name has no address");
         let peer = address.to_socket_addrs()?.next().ok_or_else(nowhere)?;
-        let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-        let socket = UdpSocket::bind(if peer.ip().is_loopback() && peer.is_ipv4() {
-            "127.0.0.1:0"
-        } else {
-            any
-        })?;
+        let local = match peer.ip() {
+            // A loopback peer is reached from loopback alone.
+            loopback if loopback.is_loopback() => loopback,
+            IpAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            IpAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let socket = UdpSocket::bind((local, 0))?;
         socket.connect(peer)?;
         socket.set_nonblocking(true)?;
         Ok(UdpLine(socket))
