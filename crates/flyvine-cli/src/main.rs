@@ -13,6 +13,7 @@ mod fit_progress;
 mod flights;
 mod fly;
 mod learn;
+mod mocap;
 mod outcome;
 mod physical_report;
 mod plan;
@@ -61,6 +62,7 @@ enum Command {
     Bench(bench::BenchArguments),
     Convert(convert::ConvertArguments),
     Calibrate(calibrate::CalibrateArguments),
+    Mocap(mocap::MocapArguments),
 }
 
 fn main() -> ExitCode {
@@ -79,5 +81,6 @@ fn main() -> ExitCode {
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
+        Command::Mocap(arguments) => mocap::run(arguments),
     })
 }
