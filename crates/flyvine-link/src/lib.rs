@@ -4,3 +4,4 @@
 //! the clock and the sockets that [`flyvine`] does without. Nothing listens beyond loopback unless asked to.
 
 pub mod mocap;
+pub mod recording;

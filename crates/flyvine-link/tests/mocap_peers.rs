@@ -56,7 +56,10 @@ fn check(kind: &str, options: &[String], bodies: &MovingBodies) {
     }
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{output:?}");
-    let seen: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // The library prints on its own before.
+    let printed = String::from_utf8_lossy(&output.stdout);
+    let last_line = printed.lines().last().unwrap_or_default();
+    let seen: serde_json::Value = serde_json::from_str(last_line).unwrap_or_else(|_| panic!("{output:?}"));
     for (name, height_m) in [("drone", 1.5), ("tip", 0.8)] {
         let number = |key: &str, i: usize| seen[name][key][i].as_f64().unwrap_or(f64::NAN);
         let radius = number("position", 0).hypot(number("position", 1));
