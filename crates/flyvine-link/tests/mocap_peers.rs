@@ -3,6 +3,8 @@
 //! They need a Python with the package `motioncapture`: the one that FLYVINE_PEERS_PYTHON names, or `python3`. Where it
 //! has none, the tests print that they skip; with FLYVINE_REQUIRE_PEERS=1 they fail.
 
+#![expect(clippy::print_stderr, reason = "tests say that they skip")]
+
 mod common;
 
 use std::path::Path;

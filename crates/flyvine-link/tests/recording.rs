@@ -1,5 +1,7 @@
 //! Recordings of flights: whole ones, and those of processes that were killed.
 
+#![expect(clippy::print_stderr, reason = "tests say that they skip")]
+
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -35,7 +37,7 @@ fn record(recorder: &mut FlightRecorder, k: usize) {
         end_effector_age_s: None,
     };
     recorder.row(&sample(k), supervisor);
-    if k % 50 == 0 {
+    if k.is_multiple_of(50) {
         recorder.log(sample(k).t_s, LogLevel::Info, format!("row {k}"));
     }
 }

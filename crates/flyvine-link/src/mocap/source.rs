@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::natnet::{NatNetAddress, NatNetClient};
 use super::vrpn::{VrpnAddress, VrpnClient};
-use super::watch::{BodyWatch, Stamp};
+use super::watch::{BodyWatch, Credible, Stamp};
 use super::{
     Bodies, BodyFrame, ClockEstimate, ClockFilter, Frame, HygieneCounts, HygieneLimits, Incoming, LinkState,
     MocapError, Sink,
@@ -317,17 +317,14 @@ impl State {
     }
 
     fn body(&self, watch: &BodyWatch, now: Instant) -> BodyStatus {
-        let roles = self.bodies.iter().flat_map(|bodies| {
-            [
+        let role = self.bodies.as_ref().and_then(|bodies| {
+            let roles = [
                 ("quadrotor", &bodies.quadrotor),
                 ("end effector", &bodies.end_effector),
-            ]
+            ];
+            roles.into_iter().find(|(_, body)| body.name == watch.name)
         });
-        let role = roles
-            .filter(|(_, body)| body.name == watch.name)
-            .map(|(role, body)| (role, body))
-            .next();
-        let position = |credible: super::watch::Credible| match (&self.bodies, role) {
+        let position = |credible: Credible| match (&self.bodies, role) {
             (Some(bodies), Some((_, body))) => {
                 bodies.pose(body, credible.position, credible.attitude).position
             }
