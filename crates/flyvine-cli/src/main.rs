@@ -13,6 +13,7 @@ mod fit_progress;
 mod flights;
 mod fly;
 mod learn;
+mod mocap;
 mod onboard;
 mod outcome;
 mod physical_report;
@@ -63,6 +64,7 @@ enum Command {
     Convert(convert::ConvertArguments),
     Calibrate(calibrate::CalibrateArguments),
     Onboard(onboard::OnboardArguments),
+    Mocap(mocap::MocapArguments),
 }
 
 fn main() -> ExitCode {
@@ -82,5 +84,6 @@ fn main() -> ExitCode {
         Command::Convert(arguments) => convert::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Onboard(arguments) => onboard::run(arguments),
+        Command::Mocap(arguments) => mocap::run(arguments),
     })
 }

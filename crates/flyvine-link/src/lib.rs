@@ -4,4 +4,6 @@
 //! the clock and the sockets that [`flyvine`] does without. Nothing listens beyond loopback unless asked to.
 
 pub mod arm;
+pub mod mocap;
 pub mod onboard;
+pub mod recording;

@@ -14,7 +14,7 @@ mod hygiene;
 pub mod mapping;
 mod mcap;
 mod plausible;
-mod quaternion;
+pub mod quaternion;
 mod resample;
 #[cfg(test)]
 pub(crate) mod shared_data;

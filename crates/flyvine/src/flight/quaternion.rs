@@ -1,15 +1,15 @@
-//! Hamilton quaternions `[w, x, y, z]` as recordings hold them.
+//! Hamilton quaternions `[w, x, y, z]`, `world_from_body`, as recordings hold them.
 
 /// Largest distance of a recorded quaternion's norm from 1 that is taken for rounding.
 const NORM_TOLERANCE: f64 = 1e-2;
 
 /// The inner product of two quaternions; negative where they are on opposite hemispheres.
-pub(super) fn dot(p: [f64; 4], q: [f64; 4]) -> f64 {
+pub fn dot(p: [f64; 4], q: [f64; 4]) -> f64 {
     (0..4).map(|i| p[i] * q[i]).sum()
 }
 
 /// `q` or `−q` (the same rotation), whichever is nearer to `reference`.
-pub(super) fn align(reference: [f64; 4], q: [f64; 4]) -> [f64; 4] {
+pub fn align(reference: [f64; 4], q: [f64; 4]) -> [f64; 4] {
     if dot(reference, q) < 0.0 { q.map(|c| -c) } else { q }
 }
 
@@ -17,7 +17,7 @@ pub(super) fn align(reference: [f64; 4], q: [f64; 4]) -> [f64; 4] {
 ///
 /// What is already unit to machine precision is returned as it is, so that reading what was written
 /// changes nothing.
-pub(super) fn unit(q: [f64; 4]) -> Result<[f64; 4], f64> {
+pub fn unit(q: [f64; 4]) -> Result<[f64; 4], f64> {
     let norm = dot(q, q).sqrt();
     if (norm - 1.0).abs() <= 8.0 * f64::EPSILON {
         Ok(q)
@@ -29,7 +29,7 @@ pub(super) fn unit(q: [f64; 4]) -> Result<[f64; 4], f64> {
 }
 
 /// The Hamilton product `p q`.
-pub(super) fn product(p: [f64; 4], q: [f64; 4]) -> [f64; 4] {
+pub fn product(p: [f64; 4], q: [f64; 4]) -> [f64; 4] {
     let ([pw, px, py, pz], [qw, qx, qy, qz]) = (p, q);
     [
         pw * qw - px * qx - py * qy - pz * qz,
@@ -40,7 +40,7 @@ pub(super) fn product(p: [f64; 4], q: [f64; 4]) -> [f64; 4] {
 }
 
 /// Spherical linear interpolation from `p` (`s = 0`) to `q` (`s = 1`) along the shorter arc, both unit.
-pub(super) fn slerp(p: [f64; 4], q: [f64; 4], s: f64) -> [f64; 4] {
+pub fn slerp(p: [f64; 4], q: [f64; 4], s: f64) -> [f64; 4] {
     let q = align(p, q);
     // Half the angle between them, from the chord: accurate where they nearly coincide.
     let chord = (0..4).map(|i| (q[i] - p[i]).powi(2)).sum::<f64>().sqrt();

@@ -31,7 +31,7 @@ pub enum Direction {
 
 impl Axes {
     /// A position or velocity in flyvine's world axes.
-    pub(super) fn vector(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+    pub fn vector(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Axes::ZUp => [x, y, z],
             Axes::YUp => [x, -z, y],
@@ -41,7 +41,7 @@ impl Axes {
 
     /// An attitude between flyvine's world and body axes: `q_here = q_world q q_body⁻¹`, each factor the
     /// change of axes.
-    pub(super) fn attitude(self, q: [f64; 4]) -> [f64; 4] {
+    pub fn attitude(self, q: [f64; 4]) -> [f64; 4] {
         const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
         match self {
             Axes::ZUp => q,
