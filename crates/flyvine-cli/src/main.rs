@@ -4,6 +4,7 @@ mod arm_shape;
 mod bench;
 mod calibrate;
 mod check;
+mod completions;
 mod console;
 mod convert;
 mod demo;
@@ -13,17 +14,20 @@ mod fit_progress;
 mod flights;
 mod fly;
 mod learn;
+mod man;
 mod outcome;
+mod page;
 mod physical_report;
 mod plan;
 mod report;
 mod run_folder;
 mod score;
 mod solve;
+mod view;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// From motion-capture logs to flights of a drone with a soft arm whose tip goes where it is told.
 ///
@@ -61,6 +65,9 @@ enum Command {
     Bench(bench::BenchArguments),
     Convert(convert::ConvertArguments),
     Calibrate(calibrate::CalibrateArguments),
+    View(view::ViewArguments),
+    Completions(completions::CompletionsArguments),
+    Man(man::ManArguments),
 }
 
 fn main() -> ExitCode {
@@ -79,5 +86,8 @@ fn main() -> ExitCode {
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
+        Command::View(arguments) => view::run(arguments),
+        Command::Completions(arguments) => completions::run(arguments, Arguments::command()),
+        Command::Man(arguments) => man::run(arguments, &Arguments::command()),
     })
 }
