@@ -399,7 +399,7 @@ fn a_foxglove_client_subscribes_to_a_flight_under_way() {
     let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("flyvine"))
         .args(["fly", "--vehicle", "sim", "--foxglove", "0", "--out"])
         .arg(out.path().join("flight.mcap"))
-        .arg(demo_run().join("experiments/swing_ES/plan.json"))
+        .arg(demo_run().join("experiments/lemniscate_5s_ES/plan.json"))
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
@@ -450,8 +450,8 @@ fn a_foxglove_client_subscribes_to_a_flight_under_way() {
             assert!(frame.len() > 13 + 9 * 7, "seven numbers");
         }
     }
-    // The simulated vehicle flies its 2.5 s in real time, and the subscription comes within a fraction of them.
-    assert!(times.len() > 20, "{} messages", times.len());
+    // The simulated vehicle flies its 8 s in real time, so most of them come after the subscription.
+    assert!(times.len() > 10, "{} messages", times.len());
     assert!(times.windows(2).all(|pair| pair[1] > pair[0]));
     assert!(child.wait().unwrap().success());
 }

@@ -11,6 +11,9 @@ const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const VIEW_NAMES = ["orbit", "side", "top", "follow"];
 /** Plots of a live flight are drawn this often at most, ms. */
 const LIVE_PLOTS_MS = 100;
+/** Frames this slow, this many in a row, are drawn more simply from then on. */
+const SLOW_FRAME_MS = 90;
+const SLOW_FRAMES = 6;
 
 const find = (/** @type {string} */ id) => /** @type {any} */ (document.getElementById(id));
 
@@ -28,6 +31,8 @@ class Page {
     /** Whether the playhead sticks to the newest row. */ this.following = this.live;
     this.dirty = true;
     /** @type {number | null} */ this.lastTick = null;
+    /** @type {number | null} when the last frame was drawn, if the one before it was, too */ this.lastFrame = null;
+    this.slowFrames = 0;
     /** @type {number | null} when the plots lack rows, since when, ms */ this.plotsDueSince = null;
     this.scene = makeScene(() => { this.dirty = true; });
     this.plots = new Plots(find("panels"), (row) => { this.pause(); this.seek(row); });
@@ -255,8 +260,19 @@ class Page {
     if (this.dirty) {
       this.dirty = false;
       this.scene?.render();
+      this.watchFrames(now);
+    } else {
+      this.lastFrame = null;
     }
     requestAnimationFrame((time) => this.tick(time));
+  }
+
+  /** @param {number} now ms; draws more simply where frames are slow */
+  watchFrames(now) {
+    const isSlow = this.lastFrame !== null && now - this.lastFrame > SLOW_FRAME_MS;
+    this.slowFrames = isSlow ? this.slowFrames + 1 : 0;
+    this.lastFrame = now;
+    if (this.slowFrames === SLOW_FRAMES) this.scene?.simplify();
   }
 
   // ---- controls and keys

@@ -142,6 +142,17 @@ export class Scene {
   render() {
     this.renderer.render(this.scene, this.camera);
   }
+
+  /** For machines without a graphics card: no shadows, fewer pixels. */
+  simplify() {
+    this.renderer.shadowMap.enabled = false;
+    this.scene.traverse((/** @type {any} */ part) => {
+      if (part.isLight) part.castShadow = false;
+      if (part.material) part.material.needsUpdate = true;
+    });
+    this.renderer.setPixelRatio(0.6);
+    this.resize();
+  }
 }
 
 /** One flight in the scene. */
@@ -252,8 +263,9 @@ class Actor {
     const arm = this.flight.arm;
     let curve;
     if (arm && arm[k] && arm[next]) {
+      // The first node is the arm's clamp, below the body that holds it.
       const nodes = arm[k].map((node, i) => new THREE.Vector3(...mix(node, arm[next][i], f)));
-      curve = new THREE.CatmullRomCurve3(nodes);
+      curve = new THREE.CatmullRomCurve3([new THREE.Vector3(...quadrotor), ...nodes]);
     } else {
       const base = new THREE.Vector3(...quadrotor);
       const end = new THREE.Vector3(...tip);

@@ -15,6 +15,8 @@ const option = (name, otherwise) => {
   return i < 0 ? otherwise : process.argv[i + 1];
 };
 const flyvine = option("binary", process.env.FLYVINE);
+/** A run folder of `flyvine demo`; made here if none is given. */
+let runFolder = option("run", null);
 const liveSeconds = Number(option("live-seconds", "6"));
 const shots = dirname(fileURLToPath(import.meta.url));
 const work = mkdtempSync(join(tmpdir(), "flyvine-page-"));
@@ -30,6 +32,7 @@ const browser = await chromium.launch({
 });
 const started = [];
 try {
+  if (runFolder === null) run("demo", "--out", (runFolder = file("run")));
   await views();
   await guards();
   await live();
@@ -107,8 +110,7 @@ async function views() {
   await page.close();
   child.kill();
 
-  run("demo", "--out", "run");
-  const demo = serve("view", "run");
+  const demo = serve("view", runFolder);
   const shown = await open(await demo.url);
   console.log(`first view of a run with 13 flights: ${shown.readyMs.toFixed(0)} ms`);
   await keyboard(shown);
@@ -227,7 +229,7 @@ function planFor(seconds) {
     file("task.toml"),
     `name = "live"\n[configuration]\nlength_m = 0.7\npressure_kpa = 0.0\n[waypoints]\npoints = [\n${points.join(",\n")}\n]\n`,
   );
-  run("plan", "task.toml", "--bank", "run/bank.json", "--out", "plan.json");
+  run("plan", "task.toml", "--bank", join(runFolder, "bank.json"), "--out", "plan.json");
 }
 
 async function live() {
@@ -279,6 +281,12 @@ async function live() {
     `live, ${liveSeconds} s at 20 Hz: ${rows} rows, ${behind.length} frames; on screen after ${quantile(0.5)} ms (median), ` +
       `${quantile(0.95)} ms (95 %), ${quantile(1)} ms (worst)`,
   );
+  if (liveSeconds < 60) {
+    // Too short, and on a shared machine, to say more than that every row came.
+    assert.deepEqual(complaints, []);
+    await page.close();
+    return;
+  }
   const mean = (values) => values.reduce((sum, v) => sum + v, 0) / values.length;
   const third = Math.floor(behind.length / 3);
   const growth = mean(behind.slice(-third)) - mean(behind.slice(0, third));
