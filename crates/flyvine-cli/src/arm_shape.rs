@@ -1,5 +1,8 @@
 //! The arm's shape along a flight of the built-in vehicle, for the replay.
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 use flyvine::flight::Configuration;
 use flyvine::link::{Observation, Vehicle, VehicleError};
 use flyvine::sim::SimulatedVehicle;
@@ -28,12 +31,8 @@ impl WatchedVehicle {
         self.shapes
     }
 
-    /// Nodes to 0.1 mm: what the replay shows.
     fn watch(&mut self) {
-        let tenths = |value: f64| (value * 1e4).round() / 1e4;
-        let nodes = self.vehicle.truth().nodes;
-        self.shapes
-            .push(nodes.into_iter().map(|node| node.map(tenths)).collect());
+        self.shapes.push(nodes_to_draw(&self.vehicle));
     }
 }
 
@@ -50,4 +49,54 @@ impl Vehicle for WatchedVehicle {
         self.watch();
         Ok(observation)
     }
+}
+
+/// The arm's newest nodes, quadrotor end first, m; empty where the vehicle does not know them.
+#[derive(Clone, Default)]
+pub struct ArmNodes(Rc<RefCell<Vec<[f64; 3]>>>);
+
+impl ArmNodes {
+    /// The nodes, where the vehicle knows them.
+    pub fn newest(&self) -> Option<Vec<[f64; 3]>> {
+        let nodes = self.0.borrow();
+        (!nodes.is_empty()).then(|| nodes.clone())
+    }
+}
+
+/// The built-in vehicle with its arm on show, for the live page.
+pub struct ShownVehicle {
+    vehicle: SimulatedVehicle,
+    arm: ArmNodes,
+}
+
+impl ShownVehicle {
+    /// Shows the arm of `vehicle` in `arm`.
+    pub fn new(vehicle: SimulatedVehicle, arm: ArmNodes) -> Self {
+        Self { vehicle, arm }
+    }
+
+    fn show(&self) {
+        *self.arm.0.borrow_mut() = nodes_to_draw(&self.vehicle);
+    }
+}
+
+impl Vehicle for ShownVehicle {
+    fn reset(&mut self, configuration: Configuration, seed: u64) -> Result<Observation, VehicleError> {
+        let observation = self.vehicle.reset(configuration, seed)?;
+        self.show();
+        Ok(observation)
+    }
+
+    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
+        let observation = self.vehicle.step(command, configuration)?;
+        self.show();
+        Ok(observation)
+    }
+}
+
+/// Nodes to 0.1 mm: what a replay shows.
+fn nodes_to_draw(vehicle: &SimulatedVehicle) -> Vec<[f64; 3]> {
+    let tenths = |value: f64| (value * 1e4).round() / 1e4;
+    let nodes = vehicle.truth().nodes;
+    nodes.into_iter().map(|node| node.map(tenths)).collect()
 }

@@ -1,5 +1,6 @@
 //! `flyvine fly`: a plan on a vehicle.
 
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -9,7 +10,8 @@ use clap::{Args, ValueEnum};
 use flyvine::control::mpc::{ModelPredictive, MpcOptions};
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{
-    Controller, End, FlightOutcome, LapLearning, OpenLoop, Replanning, Tracking, Trajectory, fly,
+    Controller, End, FlightOutcome, FlownRow, LapLearning, OpenLoop, Replanning, Tracking, Trajectory,
+    fly_watched,
 };
 use flyvine::flight::{ControlStep, StepStatus, read_control_steps, read_flight, write_controlled_flight};
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
@@ -17,9 +19,11 @@ use flyvine::link::{RecordedVehicle, Vehicle};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
+use crate::arm_shape::{ArmNodes, ShownVehicle};
 use crate::console::{progress, say};
 use crate::convert::extension;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
+use crate::page::{LiveArguments, LiveRow, LiveSession, PacedVehicle};
 
 /// Fly a plan on a vehicle and record the flight.
 ///
@@ -32,6 +36,7 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 ///   flyvine fly plan.json --vehicle sim --out flight.mcap
 ///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --controller mpc --out flight.csv
 ///   flyvine fly plan.json --vehicle replay:flight.csv --controller mpc --out again.csv
+///   flyvine fly plan.json --vehicle sim --out flight.mcap --live
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct FlyArguments {
@@ -61,6 +66,8 @@ pub struct FlyArguments {
     /// Seed of the vehicle's noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    #[command(flatten)]
+    live: LiveArguments,
 }
 
 /// The control laws that can be flown.
@@ -104,6 +111,9 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     if arguments.laps > 1 && !matches!(arguments.controller, ControllerChoice::Mpc) {
         return bad_input("--laps: only `--controller mpc` learns from lap to lap".to_owned());
     }
+    if arguments.laps > 1 && arguments.live.is_watched() {
+        return bad_input("--live, --foxglove: expected a single lap".to_owned());
+    }
     let mut flying = Flying {
         controller: arguments.controller,
         mpc: match &arguments.mpc_options {
@@ -124,15 +134,17 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     let mut ended = Outcome::Done;
     for lap in 0..u64::from(arguments.laps) {
         flying.reference = Some(learning.reference().to_vec());
-        let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
-        let bar = progress(plan.knots() as u64, "flying");
+        let OpenVehicle {
+            mut vehicle,
+            limits,
+            arm,
+        } = open_vehicle(&arguments.vehicle)?;
+        let session = arguments.live.start(&plan)?;
+        if session.is_some() {
+            vehicle = Box::new(PacedVehicle::new(vehicle));
+        }
         let seed = arguments.seed.wrapping_add(lap);
-        let outcome = fly_plan(&plan, &flying, limits, vehicle.as_mut(), seed, &mut |knot, _| {
-            bar.set_position(knot as u64);
-            ControlFlow::Continue(())
-        });
-        bar.finish_and_clear();
-        let outcome = outcome?;
+        let outcome = fly_and_show(&plan, &flying, limits, vehicle.as_mut(), seed, session, &arm)?;
         if let Err(error) = vehicle.close() {
             say(&format!(
                 "warning: the vehicle did not end in good order: {error}"
@@ -169,6 +181,48 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     Ok(ended)
 }
 
+/// Flies a plan with a progress bar, and on the live page if there is one.
+fn fly_and_show(
+    plan: &Plan,
+    flying: &Flying,
+    limits: Limits,
+    vehicle: &mut dyn Vehicle,
+    seed: u64,
+    session: Option<LiveSession>,
+    arm: &ArmNodes,
+) -> Result<FlightOutcome, Failure> {
+    let bar = progress(plan.knots() as u64, "flying");
+    let session = RefCell::new(session);
+    let outcome = fly_plan_watched(
+        plan,
+        flying,
+        limits,
+        vehicle,
+        seed,
+        &mut |knot, _| {
+            bar.set_position(knot as u64);
+            match &*session.borrow() {
+                Some(session) if session.abort_requested() => ControlFlow::Break(()),
+                _ => ControlFlow::Continue(()),
+            }
+        },
+        &mut |flown| {
+            if let Some(session) = &mut *session.borrow_mut() {
+                session.publish(LiveRow::new(flown, arm.newest()));
+            }
+        },
+    );
+    bar.finish_and_clear();
+    let outcome = outcome?;
+    if let Some(session) = session.into_inner() {
+        match &outcome.end {
+            End::Completed => session.finish("flown to the end", true),
+            End::Aborted { t_s, cause } => session.finish(&format!("aborted at {t_s:.2} s: {cause}"), false),
+        }
+    }
+    Ok(outcome)
+}
+
 fn write_recording(path: &Path, outcome: &FlightOutcome) -> Result<(), Failure> {
     write_controlled_flight(path, &outcome.flight, &outcome.steps).or_internal()?;
     say(&format!(
@@ -193,6 +247,19 @@ pub fn fly_plan(
     vehicle: &mut dyn Vehicle,
     seed: u64,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<FlightOutcome, Failure> {
+    fly_plan_watched(plan, flying, limits, vehicle, seed, progress, &mut |_| ())
+}
+
+/// [`fly_plan`], with `watch` told of every row.
+pub fn fly_plan_watched(
+    plan: &Plan,
+    flying: &Flying,
+    limits: Limits,
+    vehicle: &mut dyn Vehicle,
+    seed: u64,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    watch: &mut dyn FnMut(&FlownRow),
 ) -> Result<FlightOutcome, Failure> {
     let trajectory = Trajectory::of_plan(plan).or_input()?;
     let model = plan.bank.scheduled(&plan.configurations).or_input()?;
@@ -219,7 +286,16 @@ pub fn fly_plan(
             Box::new(replanning)
         }
     };
-    let mut outcome = fly(&trajectory, controller.as_mut(), limits, vehicle, seed, progress).or_input()?;
+    let mut outcome = fly_watched(
+        &trajectory,
+        controller.as_mut(),
+        limits,
+        vehicle,
+        seed,
+        progress,
+        watch,
+    )
+    .or_input()?;
     outcome.flight.name.clone_from(&plan.task.name);
     Ok(outcome)
 }
@@ -275,20 +351,24 @@ pub struct OpenVehicle {
     pub vehicle: Box<dyn Vehicle>,
     /// Its supervisor's limits.
     pub limits: Limits,
+    /// The arm's newest nodes, where the vehicle knows them.
+    pub arm: ArmNodes,
 }
 
-/// Opens `sim`, `sim:FILE` or `exec:PROGRAM ARGS`.
+/// Opens `sim`, `sim:FILE`, `exec:PROGRAM ARGS` or `replay:FLIGHT`.
 pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
+    let arm = ArmNodes::default();
+    let simulated = |parameters| -> Result<Box<dyn Vehicle>, Failure> {
+        let vehicle = SimulatedVehicle::new(parameters).or_input()?;
+        Ok(Box::new(ShownVehicle::new(vehicle, arm.clone())))
+    };
     let (vehicle, limits): (Box<dyn Vehicle>, Limits) = match name.split_once(':') {
-        None if name == "sim" => (
-            Box::new(SimulatedVehicle::new(VehicleParameters::default()).or_internal()?),
-            Limits::default(),
-        ),
+        None if name == "sim" => (simulated(VehicleParameters::default())?, Limits::default()),
         Some(("sim", path)) => {
             let (parameters, limits) = read_vehicle_file(path)
                 .map_err(|error| error.context(path.to_owned()))
                 .or_input()?;
-            (Box::new(SimulatedVehicle::new(parameters).or_input()?), limits)
+            (simulated(parameters)?, limits)
         }
         Some(("exec", command_line)) => {
             let options = ExecOptions {
@@ -310,7 +390,7 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
             ));
         }
     };
-    Ok(OpenVehicle { vehicle, limits })
+    Ok(OpenVehicle { vehicle, limits, arm })
 }
 
 /// A vehicle's TOML: the simulated vehicle's parameters, and a table `[supervisor]` with its limits.

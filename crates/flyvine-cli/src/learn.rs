@@ -173,7 +173,9 @@ fn fly_round(
             plan.solve.status
         ));
     }
-    let OpenVehicle { mut vehicle, limits } = open_vehicle(&arguments.vehicle)?;
+    let OpenVehicle {
+        mut vehicle, limits, ..
+    } = open_vehicle(&arguments.vehicle)?;
     let seed = arguments.seed + number as u64;
     let outcome = fly_plan(
         &plan,

@@ -4,6 +4,7 @@ mod arm_shape;
 mod bench;
 mod calibrate;
 mod check;
+mod completions;
 mod console;
 mod convert;
 mod demo;
@@ -13,19 +14,22 @@ mod fit_progress;
 mod flights;
 mod fly;
 mod learn;
+mod man;
 mod mocap;
 mod onboard;
 mod outcome;
+mod page;
 mod physical_report;
 mod plan;
 mod report;
 mod run_folder;
 mod score;
 mod solve;
+mod view;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// From motion-capture logs to flights of a drone with a soft arm whose tip goes where it is told.
 ///
@@ -65,6 +69,9 @@ enum Command {
     Calibrate(calibrate::CalibrateArguments),
     Onboard(onboard::OnboardArguments),
     Mocap(mocap::MocapArguments),
+    View(view::ViewArguments),
+    Completions(completions::CompletionsArguments),
+    Man(man::ManArguments),
 }
 
 fn main() -> ExitCode {
@@ -85,5 +92,8 @@ fn main() -> ExitCode {
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Onboard(arguments) => onboard::run(arguments),
         Command::Mocap(arguments) => mocap::run(arguments),
+        Command::View(arguments) => view::run(arguments),
+        Command::Completions(arguments) => completions::run(arguments, Arguments::command()),
+        Command::Man(arguments) => man::run(arguments, &Arguments::command()),
     })
 }

@@ -10,7 +10,7 @@
 
 use std::path::{Path, PathBuf};
 
-use flyvine::flight::{Flight, HygieneReport, read_flight};
+use flyvine::flight::{Flight, HygieneReport, Sample, read_flight};
 use flyvine::model::{Bank, CheckReport};
 use flyvine::report::{
     Experiment, ExperimentKind, Figure, Finding, FlightRollout, HorizonError, ModelDiagnostics, Results,
@@ -99,22 +99,41 @@ pub fn write_experiment(run: &Path, plan: &Plan, flight: &Flight, arm: &ArmShape
     flyvine::file::write_whole(&folder.join("arm.json"), &arm).or_internal()
 }
 
-fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
-    let plan = read_plan(&folder.join("plan.json")).or_input()?;
-    let (mut flight, _) = load_flight(&folder.join("flight.csv"))?;
-    let complete = flight.samples.len() == plan.knots();
-    let remark = (!complete).then(|| {
-        format!(
-            "{} rows for {} knots: aborted",
-            flight.samples.len(),
-            plan.knots()
-        )
-    });
-    flight.samples.truncate(plan.knots());
-    let mut arm: Option<ArmShapes> = read_json(&folder.join("arm.json"))?;
-    if let Some(arm) = &mut arm {
-        arm.truncate(flight.samples.len());
+/// The experiments of a run folder, in reading order; an error where there are none.
+pub fn read_experiments(folder: &Path) -> Result<Vec<Experiment>, Failure> {
+    let experiments = subfolders(&folder.join("experiments"))?
+        .iter()
+        .map(|folder| read_experiment(folder))
+        .collect::<Result<Vec<_>, _>>()?;
+    if experiments.is_empty() {
+        return bad_input(format!(
+            "{} is not a run folder with flights: found no experiments/NAME/plan.json",
+            folder.display()
+        ));
     }
+    let results = Results {
+        experiments,
+        ..Results::default()
+    };
+    Ok(results.experiments_in_order().into_iter().cloned().collect())
+}
+
+/// One experiment's plan, flight and arm.
+pub fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
+    let plan = read_plan(&folder.join("plan.json")).or_input()?;
+    let (flight, _) = load_flight(&folder.join("flight.csv"))?;
+    let arm: Option<ArmShapes> = read_json(&folder.join("arm.json"))?;
+    plan_experiment(&plan, flight, arm.unwrap_or_default())
+}
+
+/// A flight of a plan, with the arm's shape in each row where it is known. A flight without rows is one that was not
+/// flown yet.
+pub fn plan_experiment(plan: &Plan, mut flight: Flight, mut arm: ArmShapes) -> Result<Experiment, Failure> {
+    let rows = flight.samples.len();
+    let remark = (rows != plan.knots() && rows > 0)
+        .then(|| format!("{rows} rows for {} knots: aborted", plan.knots()));
+    flight.samples.truncate(plan.knots());
+    arm.truncate(flight.samples.len());
     let (kind, period_s) = match plan.task.motion() {
         Motion::Lemniscate(lemniscate) => (ExperimentKind::Lemniscate, Some(lemniscate.period_s)),
         Motion::Deploy(deploy) => (ExperimentKind::Deploy, Some(deploy.period_s)),
@@ -122,7 +141,7 @@ fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
         Motion::Waypoints(_) => (ExperimentKind::Waypoints, None),
     };
     let swing = match plan.task.motion() {
-        Motion::Swing(swing) => swing_target(&plan).map(|target| SwingTask {
+        Motion::Swing(swing) => swing_target(plan).map(|target| SwingTask {
             target,
             quadrotor_x_max: Some(swing.quadrotor_limits_m[0]),
             quadrotor_z_max: Some(swing.quadrotor_limits_m[1]),
@@ -139,10 +158,13 @@ fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
         reference: plan.reference.clone(),
         predicted_quadrotor: plan.predicted_quadrotor(),
         predicted_end_effector: plan.predicted_end_effector(),
-        score: Some(score_flight(&plan, &flight)?),
+        score: match rows {
+            0 => None,
+            _ => Some(score_flight(plan, &flight)?),
+        },
         remark,
         flight,
-        arm: arm.unwrap_or_default(),
+        arm,
         swing,
         solver: SolverSummary {
             status: plan.solve.status.clone(),
@@ -152,6 +174,38 @@ fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
             max_violation: plan.solve.max_violation,
         },
     })
+}
+
+/// A flight of which no plan is known.
+pub fn flight_experiment(name: &str, flight: Flight) -> Experiment {
+    let configuration = |sample: Option<&Sample>| sample.map(|sample| sample.configuration);
+    let (first, last) = (
+        configuration(flight.samples.first()),
+        configuration(flight.samples.last()),
+    );
+    Experiment {
+        name: name.to_owned(),
+        kind: ExperimentKind::Waypoints,
+        label: first.map_or(String::new(), |first| {
+            configuration_label(first, last.filter(|last| *last != first))
+        }),
+        period_s: None,
+        reference: Vec::new(),
+        predicted_quadrotor: Vec::new(),
+        predicted_end_effector: Vec::new(),
+        score: None,
+        remark: None,
+        flight,
+        arm: Vec::new(),
+        swing: None,
+        solver: SolverSummary {
+            status: String::new(),
+            converged: false,
+            iterations: 0,
+            cost: 0.0,
+            max_violation: 0.0,
+        },
+    }
 }
 
 fn rollouts(check: &CheckReport) -> Vec<FlightRollout> {

@@ -2,9 +2,16 @@
 
 mod common;
 
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+
 use common::{demo_run, flyvine, repository};
 use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
+use serde_json::json;
+use tungstenite::client::IntoClientRequest;
+use tungstenite::http::HeaderValue;
+use tungstenite::{Message, connect};
 
 #[test]
 fn the_demo_flies_the_whole_paper() {
@@ -384,4 +391,67 @@ fn a_vehicle_is_calibrated_on_recordings_and_judged_on_others() {
         written.contains("reach_margin_m"),
         "the supervisor's limits are kept"
     );
+}
+
+#[test]
+fn a_foxglove_client_subscribes_to_a_flight_under_way() {
+    let out = tempfile::tempdir().unwrap();
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("flyvine"))
+        .args(["fly", "--vehicle", "sim", "--foxglove", "0", "--out"])
+        .arg(out.path().join("flight.mcap"))
+        .arg(demo_run().join("experiments/lemniscate_5s_ES/plan.json"))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap()).lines();
+    let address = said
+        .find_map(|line| Some(line.unwrap().split_once("ws://")?.1.to_owned()))
+        .expect("an address is printed");
+
+    // Without the protocol's name, and from a foreign page, there is nothing to be had.
+    assert!(connect(format!("ws://{address}")).is_err());
+    let request = |origin: Option<&str>| {
+        let mut request = format!("ws://{address}").into_client_request().unwrap();
+        let headers = request.headers_mut();
+        let protocol = HeaderValue::from_static("foxglove.websocket.v1");
+        headers.insert("sec-websocket-protocol", protocol);
+        if let Some(origin) = origin {
+            headers.insert("origin", HeaderValue::from_str(origin).unwrap());
+        }
+        request
+    };
+    assert!(connect(request(Some("https://example.org"))).is_err());
+
+    let (mut socket, _) = connect(request(None)).unwrap();
+    let mut text = || match socket.read().unwrap() {
+        Message::Text(text) => serde_json::from_str::<serde_json::Value>(&text).unwrap(),
+        other => panic!("expected text, found {other:?}"),
+    };
+    assert_eq!(text()["op"], "serverInfo");
+    let advertised = text();
+    assert_eq!(advertised["op"], "advertise");
+    let quadrotor = advertised["channels"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|channel| channel["topic"] == "/quadrotor")
+        .unwrap();
+    assert_eq!(quadrotor["schemaName"], "foxglove.PoseInFrame");
+    assert_eq!(quadrotor["encoding"], "protobuf");
+    let subscribe =
+        json!({ "op": "subscribe", "subscriptions": [{ "id": 42, "channelId": quadrotor["id"] }] });
+    socket.send(Message::text(subscribe.to_string())).unwrap();
+    let mut times = Vec::new();
+    while let Ok(message) = socket.read() {
+        if let Message::Binary(frame) = message {
+            assert_eq!(frame[0], 1, "message data");
+            assert_eq!(frame[1..5], 42_u32.to_le_bytes());
+            times.push(u64::from_le_bytes(frame[5..13].try_into().unwrap()));
+            assert!(frame.len() > 13 + 9 * 7, "seven numbers");
+        }
+    }
+    // The simulated vehicle flies its 8 s in real time, so most of them come after the subscription.
+    assert!(times.len() > 10, "{} messages", times.len());
+    assert!(times.windows(2).all(|pair| pair[1] > pair[0]));
+    assert!(child.wait().unwrap().success());
 }

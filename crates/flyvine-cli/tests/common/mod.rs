@@ -12,6 +12,7 @@ pub fn flyvine() -> Command {
 }
 
 /// The run folder of `flyvine demo`.
+#[allow(dead_code)] // not every test wants it
 pub fn demo_run() -> &'static Path {
     static RUN: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
     let (_, run) = RUN.get_or_init(|| {

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, Supervisor, SupervisorError};
+use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, State, Supervisor, SupervisorError};
 use super::{Controller, Proposal, Tick, Trajectory};
 use crate::DT;
 use crate::flight::{ControlStep, Flight, Sample};
@@ -51,6 +51,25 @@ pub enum AbortCause {
     Vehicle(#[from] VehicleError),
 }
 
+/// One row of a flight under way, as [`fly_watched`] tells it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FlownRow<'a> {
+    /// Row, from 0.
+    pub row: usize,
+    /// Knots of the plan.
+    pub knots: usize,
+    /// What the recording keeps of it: poses as the vehicle reported them, and the command that goes out.
+    pub sample: &'a Sample,
+    /// Where the flight stands.
+    pub state: State,
+    /// Why it was ended, if it was.
+    pub reason: Option<Reason>,
+    /// What the supervisor had to say since the last row.
+    pub events: &'a [Event],
+    /// What the controller reported of its step.
+    pub step: Option<&'a ControlStep>,
+}
+
 /// Flies `trajectory` on `vehicle`: N knots make N rows, the last repeating the final command.
 ///
 /// Every command passes a [`Supervisor`] with these `limits`. After an abort the position is held for
@@ -65,6 +84,28 @@ pub fn fly(
     seed: u64,
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<FlightOutcome, SupervisorError> {
+    fly_watched(
+        trajectory,
+        controller,
+        limits,
+        vehicle,
+        seed,
+        progress,
+        &mut |_| (),
+    )
+}
+
+/// [`fly()`], with `watch` told of every row right before its command goes out. It runs in the flight loop and must not
+/// block.
+pub fn fly_watched(
+    trajectory: &Trajectory,
+    controller: &mut dyn Controller,
+    limits: Limits,
+    vehicle: &mut dyn Vehicle,
+    seed: u64,
+    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    watch: &mut dyn FnMut(&FlownRow),
+) -> Result<FlightOutcome, SupervisorError> {
     let (quadrotor, end_effector) = trajectory.start();
     let mut supervisor = Supervisor::new(
         limits,
@@ -75,7 +116,8 @@ pub fn fly(
         },
     )?;
     let mut samples = Vec::with_capacity(trajectory.knots());
-    let mut steps = Vec::with_capacity(trajectory.knots());
+    let mut steps: Vec<ControlStep> = Vec::with_capacity(trajectory.knots());
+    let mut events = Vec::new();
     let mut vehicle_error = None;
     let last_knot = trajectory.knots() - 1;
 
@@ -130,13 +172,24 @@ pub fn fly(
             quadrotor: observation.quadrotor,
             end_effector: observation.end_effector,
         });
+        let told = events.len();
+        events.extend(supervisor.take_events());
+        watch(&FlownRow {
+            row,
+            knots: trajectory.knots(),
+            sample: &samples[row],
+            state: supervisor.state(),
+            reason: supervisor.reason(),
+            events: &events[told..],
+            step: steps.last().filter(|step| step.row == row),
+        });
         if row == last_knot && supervisor.reason().is_none() {
             break;
         }
         answer = vehicle.step(command, configuration);
     }
 
-    let events = supervisor.take_events();
+    events.extend(supervisor.take_events());
     let aborted = events.iter().find_map(|event| match event.kind {
         EventKind::Aborted(reason) => Some((event.t_s, reason)),
         _ => None,

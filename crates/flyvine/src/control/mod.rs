@@ -18,7 +18,7 @@ pub mod supervisor;
 mod tracking;
 mod trajectory;
 
-pub use fly::{AbortCause, End, FlightOutcome, fly};
+pub use fly::{AbortCause, End, FlightOutcome, FlownRow, fly, fly_watched};
 pub use learning::{Lap, LapLearning};
 pub use open_loop::OpenLoop;
 pub use replanning::{Replanning, ReplanningError};

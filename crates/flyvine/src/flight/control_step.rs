@@ -26,6 +26,13 @@ impl StepStatus {
             Self::Infeasible => "infeasible",
         }
     }
+
+    /// The one that files call so.
+    pub(super) fn from_name(name: &str) -> Option<Self> {
+        [Self::Optimal, Self::BudgetSpent, Self::Infeasible]
+            .into_iter()
+            .find(|status| status.name() == name)
+    }
 }
 
 /// What a controller that optimizes says of one step.

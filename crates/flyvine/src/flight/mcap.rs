@@ -1,13 +1,4 @@
-//! Flights as MCAP files (<https://mcap.dev>) of JSON messages that Foxglove, Rerun and PlotJuggler know.
-//!
-//! | topic | schema | |
-//! | --- | --- | --- |
-//! | `/configuration` | `flyvine.Configuration` | every row: its exact time, the arm's length and pressure |
-//! | `/command` | `foxglove.PoseInFrame` | every row: the commanded position |
-//! | `/command_velocity` | `foxglove.Vector3` | rows that have one |
-//! | `/quadrotor` | `foxglove.PoseInFrame` | rows with a pose |
-//! | `/end_effector` | `foxglove.PoseInFrame` | rows with a pose |
-//! | `/controller` | `flyvine.ControlStep` | rows of which a controller reported |
+//! Flights as MCAP files (<https://mcap.dev>) of the [`messages`](super::messages).
 //!
 //! Each message's sequence number is its row. Chunks are small and not compressed, so a file that was cut off
 //! loses its last seconds only.
@@ -15,92 +6,21 @@
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
-use ::mcap::records::MessageHeader;
-use ::mcap::{McapError, MessageStream, WriteOptions, Writer, read::Options};
-use serde::{Deserialize, Serialize};
-
 use super::continuity::check_rate;
 use super::control_step::{ControlStep, StepRow};
 use super::error::{FlightError, Problem};
+use super::messages::{
+    COMMAND, COMMAND_VELOCITY, CONFIGURATION, CONTROLLER, ConfigurationMessage, ENCODING, END_EFFECTOR,
+    Message, PoseInFrame, QUADROTOR, StepMessage, TOPICS, Vector3, row_messages, schemas,
+};
 use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
+use ::mcap::records::MessageHeader;
+use ::mcap::{McapError, MessageStream, WriteOptions, Writer, read::Options};
+use prost::Message as _;
+use serde::de::DeserializeOwned;
 
-const CONFIGURATION: &str = "/configuration";
-const COMMAND: &str = "/command";
-const COMMAND_VELOCITY: &str = "/command_velocity";
-const QUADROTOR: &str = "/quadrotor";
-const END_EFFECTOR: &str = "/end_effector";
-const CONTROLLER: &str = "/controller";
-
-/// Some five seconds of flight.
-const CHUNK_BYTES: u64 = 64 * 1024;
-
-const CONFIGURATION_SCHEMA: (&str, &str) = (
-    "flyvine.Configuration",
-    r#"{"type":"object","properties":{"t_s":{"type":"number"},"length_m":{"type":"number"},"pressure_kpa":{"type":"number"}}}"#,
-);
-const CONTROLLER_SCHEMA: (&str, &str) = (
-    "flyvine.ControlStep",
-    r#"{"type":"object","properties":{"step_ms":{"type":"number"},"step_status":{"type":"string"},"step_changes":{"type":"integer"},"step_active":{"type":"integer"},"step_residual":{"type":"number"},"step_delay_knots":{"type":"number"},"step_delay_deviation_knots":{"type":"number"}}}"#,
-);
-const VECTOR_SCHEMA: (&str, &str) = (
-    "foxglove.Vector3",
-    r#"{"type":"object","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}}}"#,
-);
-const POSE_SCHEMA: (&str, &str) = (
-    "foxglove.PoseInFrame",
-    r#"{"type":"object","properties":{
-"timestamp":{"type":"object","title":"time","properties":{"sec":{"type":"integer"},"nsec":{"type":"integer"}}},
-"frame_id":{"type":"string"},
-"pose":{"type":"object","title":"foxglove.Pose","properties":{
-"position":{"type":"object","title":"foxglove.Vector3","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"}}},
-"orientation":{"type":"object","title":"foxglove.Quaternion","properties":{"x":{"type":"number"},"y":{"type":"number"},"z":{"type":"number"},"w":{"type":"number"}}}}}}}"#,
-);
-
-/// `flyvine.Configuration`
-#[derive(Serialize, Deserialize)]
-struct ConfigurationMessage {
-    t_s: f64,
-    length_m: f64,
-    pressure_kpa: f64,
-}
-
-/// `foxglove.Vector3`
-#[derive(Serialize, Deserialize)]
-struct Vector3 {
-    x: f64,
-    y: f64,
-    z: f64,
-}
-
-/// `foxglove.Quaternion`
-#[derive(Serialize, Deserialize)]
-struct Quaternion {
-    x: f64,
-    y: f64,
-    z: f64,
-    w: f64,
-}
-
-/// `foxglove.PoseInFrame`
-#[derive(Serialize, Deserialize)]
-struct PoseInFrame {
-    timestamp: Timestamp,
-    frame_id: String,
-    pose: PoseMessage,
-}
-
-/// `foxglove.Pose`
-#[derive(Serialize, Deserialize)]
-struct PoseMessage {
-    position: Vector3,
-    orientation: Quaternion,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Timestamp {
-    sec: i64,
-    nsec: u32,
-}
+/// Some four seconds of flight.
+const CHUNK_BYTES: u64 = 32 * 1024;
 
 /// The flight as an MCAP file's bytes. `file` is what error messages call it.
 pub(super) fn format_mcap(
@@ -109,7 +29,7 @@ pub(super) fn format_mcap(
     steps: &[ControlStep],
 ) -> Result<Vec<u8>, FlightError> {
     let encoded = encode(flight, steps).map_err(|error| FlightError::in_file(file, mcap_problem(error)))?;
-    // JSON has no NaN: such a number became `null`. What cannot be read again is not written.
+    // What cannot be read again is not written.
     parse_mcap(file, &encoded)?;
     Ok(encoded)
 }
@@ -121,102 +41,33 @@ fn encode(flight: &Flight, steps: &[ControlStep]) -> Result<Vec<u8>, McapError> 
         .profile("")
         .library(concat!("flyvine ", env!("CARGO_PKG_VERSION")));
     let mut writer = Writer::with_options(Cursor::new(Vec::new()), options)?;
-    let mut channel = |topic: &str, (name, schema): (&str, &str)| {
-        let schema_id = writer.add_schema(name, "jsonschema", schema.as_bytes())?;
-        writer.add_channel(schema_id, topic, "json", &BTreeMap::new())
-    };
-    let configuration = channel(CONFIGURATION, CONFIGURATION_SCHEMA)?;
-    let command = channel(COMMAND, POSE_SCHEMA)?;
-    let command_velocity = channel(COMMAND_VELOCITY, VECTOR_SCHEMA)?;
-    let quadrotor = channel(QUADROTOR, POSE_SCHEMA)?;
-    let end_effector = channel(END_EFFECTOR, POSE_SCHEMA)?;
-    let controller = match steps {
-        [] => None,
-        _ => Some(channel(CONTROLLER, CONTROLLER_SCHEMA)?),
-    };
+    let schemas = schemas();
+    let mut channels = Vec::with_capacity(TOPICS.len());
+    for topic in &TOPICS {
+        // A topic that nobody could have written to is not announced.
+        if topic.name == CONTROLLER.name && steps.is_empty() {
+            continue;
+        }
+        let schema = writer.add_schema(topic.schema_name, ENCODING, &schemas)?;
+        channels.push(writer.add_channel(schema, topic.name, ENCODING, &BTreeMap::new())?);
+    }
     let mut steps_left = steps.iter().peekable();
-    let mut row_writer = RowWriter {
-        writer: &mut writer,
-        row: 0,
-        time_ns: 0,
-    };
-    for sample in &flight.samples {
-        let Configuration {
-            length_m,
-            pressure_kpa,
-        } = sample.configuration;
+    for (row, sample) in flight.samples.iter().enumerate() {
         // The format's clock is unsigned; the exact time is in the message.
-        row_writer.time_ns = (sample.t_s * 1e9).round().max(0.0) as u64;
-        let message = ConfigurationMessage {
-            t_s: sample.t_s,
-            length_m,
-            pressure_kpa,
-        };
-        row_writer.write(configuration, &message)?;
-        row_writer.write_pose(command, sample.command, UPRIGHT)?;
-        if let Some([x, y, z]) = sample.command_velocity {
-            row_writer.write(command_velocity, &Vector3 { x, y, z })?;
+        let time_ns = (sample.t_s * 1e9).round().max(0.0) as u64;
+        let step = steps_left.next_if(|step| step.row == row);
+        for Message { topic, bytes } in row_messages(sample, step, time_ns) {
+            let header = MessageHeader {
+                channel_id: channels[topic],
+                sequence: row as u32,
+                log_time: time_ns,
+                publish_time: time_ns,
+            };
+            writer.write_to_known_channel(&header, &bytes)?;
         }
-        if let Some(pose) = sample.quadrotor {
-            row_writer.write_pose(quadrotor, pose.position, pose.attitude)?;
-        }
-        if let Some(position) = sample.end_effector {
-            row_writer.write_pose(end_effector, position, UPRIGHT)?;
-        }
-        let row = row_writer.row as usize;
-        if let (Some(controller), Some(step)) = (controller, steps_left.next_if(|step| step.row == row)) {
-            row_writer.write(controller, &StepRow::new(step))?;
-        }
-        row_writer.row += 1;
     }
     writer.finish()?;
     Ok(writer.into_inner().into_inner())
-}
-
-const UPRIGHT: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
-
-struct RowWriter<'a> {
-    writer: &'a mut Writer<Cursor<Vec<u8>>>,
-    row: u32,
-    time_ns: u64,
-}
-
-impl RowWriter<'_> {
-    fn write(&mut self, channel_id: u16, message: &impl Serialize) -> Result<(), McapError> {
-        let header = MessageHeader {
-            channel_id,
-            sequence: self.row,
-            log_time: self.time_ns,
-            publish_time: self.time_ns,
-        };
-        let json = serde_json::to_vec(message).map_err(std::io::Error::from)?;
-        self.writer.write_to_known_channel(&header, &json)
-    }
-
-    fn write_pose(&mut self, channel_id: u16, [x, y, z]: [f64; 3], q: [f64; 4]) -> Result<(), McapError> {
-        let timestamp = Timestamp {
-            sec: (self.time_ns / 1_000_000_000) as i64,
-            nsec: (self.time_ns % 1_000_000_000) as u32,
-        };
-        let [qw, qx, qy, qz] = q;
-        let pose = PoseMessage {
-            position: Vector3 { x, y, z },
-            orientation: Quaternion {
-                x: qx,
-                y: qy,
-                z: qz,
-                w: qw,
-            },
-        };
-        self.write(
-            channel_id,
-            &PoseInFrame {
-                timestamp,
-                frame_id: "world".into(),
-                pose,
-            },
-        )
-    }
 }
 
 /// The flight in an MCAP file's bytes. A file that was cut off is an error that says how many rows are left;
@@ -246,13 +97,23 @@ pub(super) fn parse_steps(file: &str, bytes: &[u8]) -> Result<Vec<ControlStep>, 
     let mut steps = Vec::new();
     for message in MessageStream::new(bytes).map_err(fail)? {
         let message = message.map_err(fail)?;
-        if message.channel.topic == CONTROLLER {
-            let step: StepRow = serde_json::from_slice(&message.data).map_err(|error| {
-                FlightError::in_file(file, Problem::NotAMessage(error.to_string()))
-                    .field(&place(CONTROLLER, message.sequence))
-            })?;
-            steps.push(step.step(message.sequence as usize));
+        if message.channel.topic != CONTROLLER.name {
+            continue;
         }
+        let row = message.sequence as usize;
+        let step = if is_json(&message) {
+            serde_json::from_slice(&message.data)
+                .map(|step: StepRow| step.step(row))
+                .map_err(|error| error.to_string())
+        } else {
+            StepMessage::decode(&*message.data)
+                .map_err(|error| error.to_string())
+                .and_then(|step| step.step(row).ok_or("unknown step_status".to_owned()))
+        };
+        steps.push(step.map_err(|reason| {
+            FlightError::in_file(file, Problem::NotAMessage(reason))
+                .field(&place(CONTROLLER.name, message.sequence))
+        })?);
     }
     Ok(steps)
 }
@@ -306,15 +167,18 @@ fn decode(file: &str, bytes: &[u8]) -> Result<(Flight, Option<McapError>), Fligh
     for (row, partial) in rows {
         let fail = |topic, problem| Err(FlightError::in_file(file, problem).field(&place(topic, row)));
         let Some((t_s, configuration)) = partial.configuration else {
-            return fail(CONFIGURATION, Problem::NoMessage);
+            return fail(CONFIGURATION.name, Problem::NoMessage);
         };
         let Some(command) = partial.command else {
-            return fail(COMMAND, Problem::NoMessage);
+            return fail(COMMAND.name, Problem::NoMessage);
         };
         if let Some(previous) = samples.last().map(|sample| sample.t_s)
             && t_s <= previous
         {
-            return fail(CONFIGURATION, Problem::TimeNotIncreasing { found: t_s, previous });
+            return fail(
+                CONFIGURATION.name,
+                Problem::TimeNotIncreasing { found: t_s, previous },
+            );
         }
         let PartialRow {
             command_velocity,
@@ -345,60 +209,73 @@ impl PartialRow {
     fn read(&mut self, file: &str, message: &::mcap::Message) -> Result<(), FlightError> {
         let topic = message.channel.topic.as_str();
         let fail = |problem| FlightError::in_file(file, problem).field(&place(topic, message.sequence));
-        let not_json = |error: serde_json::Error| fail(Problem::NotAMessage(error.to_string()));
-        match topic {
-            CONFIGURATION => {
-                let found: ConfigurationMessage = serde_json::from_slice(&message.data).map_err(not_json)?;
-                let ConfigurationMessage {
-                    t_s,
-                    length_m,
-                    pressure_kpa,
-                } = found;
-                plausible::length(length_m)
-                    .and_then(|()| plausible::pressure(pressure_kpa))
-                    .map_err(fail)?;
-                self.configuration = Some((
-                    t_s,
-                    Configuration {
-                        length_m,
-                        pressure_kpa,
-                    },
-                ));
+        if topic == CONFIGURATION.name {
+            let ConfigurationMessage {
+                t_s,
+                length_m,
+                pressure_kpa,
+            } = decode_message(message).map_err(fail)?;
+            if !t_s.is_finite() {
+                return Err(fail(Problem::NotFinite { found: t_s }));
             }
-            COMMAND_VELOCITY => {
-                let Vector3 { x, y, z } = serde_json::from_slice(&message.data).map_err(not_json)?;
-                [x, y, z]
-                    .into_iter()
-                    .try_for_each(plausible::velocity)
-                    .map_err(fail)?;
-                self.command_velocity = Some([x, y, z]);
+            plausible::length(length_m)
+                .and_then(|()| plausible::pressure(pressure_kpa))
+                .map_err(fail)?;
+            let configuration = Configuration {
+                length_m,
+                pressure_kpa,
+            };
+            self.configuration = Some((t_s, configuration));
+        } else if topic == COMMAND_VELOCITY.name {
+            let Vector3 { x, y, z } = decode_message(message).map_err(fail)?;
+            [x, y, z]
+                .into_iter()
+                .try_for_each(plausible::velocity)
+                .map_err(fail)?;
+            self.command_velocity = Some([x, y, z]);
+        } else if [COMMAND, QUADROTOR, END_EFFECTOR]
+            .iter()
+            .any(|pose| pose.name == topic)
+        {
+            let Pose { position, attitude } = decode_pose(message).map_err(fail)?;
+            match topic {
+                _ if topic == COMMAND.name => self.command = Some(position),
+                _ if topic == QUADROTOR.name => self.quadrotor = Some(Pose { position, attitude }),
+                _ => self.end_effector = Some(position),
             }
-            COMMAND | QUADROTOR | END_EFFECTOR => {
-                let found: PoseInFrame = serde_json::from_slice(&message.data).map_err(not_json)?;
-                let Vector3 { x, y, z } = found.pose.position;
-                let position = [x, y, z];
-                position
-                    .into_iter()
-                    .try_for_each(plausible::position)
-                    .map_err(fail)?;
-                let Quaternion {
-                    x: qx,
-                    y: qy,
-                    z: qz,
-                    w: qw,
-                } = found.pose.orientation;
-                let attitude = quaternion::unit([qw, qx, qy, qz])
-                    .map_err(|norm| fail(Problem::NotUnitQuaternion { norm }))?;
-                match topic {
-                    COMMAND => self.command = Some(position),
-                    QUADROTOR => self.quadrotor = Some(Pose { position, attitude }),
-                    _ => self.end_effector = Some(position),
-                }
-            }
-            _ => {}
         }
         Ok(())
     }
+}
+
+/// A message of either encoding.
+fn decode_message<M: prost::Message + Default + DeserializeOwned>(
+    message: &::mcap::Message,
+) -> Result<M, Problem> {
+    if is_json(message) {
+        serde_json::from_slice(&message.data).map_err(|error| Problem::NotAMessage(error.to_string()))
+    } else {
+        M::decode(&*message.data).map_err(|error| Problem::NotAMessage(error.to_string()))
+    }
+}
+
+/// A `foxglove.PoseInFrame`, of which all parts must be there.
+fn decode_pose(message: &::mcap::Message) -> Result<Pose, Problem> {
+    let missing = |what: &str| Problem::NotAMessage(format!("no {what}"));
+    let found: PoseInFrame = decode_message(message)?;
+    let pose = found.pose.ok_or_else(|| missing("pose"))?;
+    let Vector3 { x, y, z } = pose.position.ok_or_else(|| missing("position"))?;
+    let position = [x, y, z];
+    position.into_iter().try_for_each(plausible::position)?;
+    let orientation = pose.orientation.ok_or_else(|| missing("orientation"))?;
+    let attitude = quaternion::unit([orientation.w, orientation.x, orientation.y, orientation.z])
+        .map_err(|norm| Problem::NotUnitQuaternion { norm })?;
+    Ok(Pose { position, attitude })
+}
+
+/// Whether a message is one of an earlier version's.
+fn is_json(message: &::mcap::Message) -> bool {
+    message.channel.message_encoding == "json"
 }
 
 fn place(topic: &str, row: u32) -> String {

@@ -13,6 +13,7 @@ mod files;
 mod hygiene;
 pub mod mapping;
 mod mcap;
+pub mod messages;
 mod plausible;
 pub mod quaternion;
 mod resample;

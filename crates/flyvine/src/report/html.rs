@@ -10,7 +10,8 @@ use super::tables::{self, centimetres, published_range};
 const PAGE: &str = include_str!("assets/page.html");
 const STYLE: &str = include_str!("assets/style.css");
 const REPLAY: &str = include_str!("assets/replay.html");
-const THREE: &str = include_str!("assets/three/three.min.js");
+/// three.js as a classic script that defines `THREE`: what `assets/three/entry.js` names of it.
+pub const THREE: &str = include_str!("assets/three/three.min.js");
 const SCENE: &str = include_str!("assets/scene.js");
 const PLAYER: &str = include_str!("assets/player.js");
 

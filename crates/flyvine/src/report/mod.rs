@@ -19,7 +19,8 @@ mod tables;
 mod tests;
 
 pub use figures::{Figure, figures};
-pub use html::html;
+pub use html::{THREE, html};
+pub use replay::{ReplayTrack, replay_tracks};
 pub use results::{
     Against, Experiment, ExperimentKind, Finding, FlightRollout, HorizonError, ModelDiagnostics, ReportError,
     Results, RunSummary, SolverSummary, SwingTask, Timing,

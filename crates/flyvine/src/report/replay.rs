@@ -1,21 +1,23 @@
-//! The data of the 3-D replay: every experiment, compact, as JSON.
+//! The data of the 3-D replay: every experiment, compact, as JSON; in report.html and on the page of `flyvine view`.
 
 use serde::Serialize;
 
-use super::figures::Palette;
-use super::results::{Experiment, ExperimentKind, ReportError};
+use super::figures::{Palette, palette};
+use super::results::{Experiment, ExperimentKind, ReportError, Results};
 use crate::DT;
 
-/// What `assets/player.js` reads. Positions are integers of 0.1 mm, knot-major, three per row; quaternions
-/// integers of 1e-4, `[w, x, y, z]`; all entries of a row that was not seen are null.
+/// What `assets/player.js` reads.
 #[derive(Serialize)]
 struct Replay<'a> {
     dt: f64,
-    experiments: Vec<Track<'a>>,
+    experiments: Vec<ReplayTrack<'a>>,
 }
 
-#[derive(Serialize)]
-struct Track<'a> {
+/// One flight for a replay; serializes to a JSON object. Positions are integers of 0.1 mm, knot-major, three per row;
+/// quaternions integers of 1e-4, `[w, x, y, z]`; all entries of a row that was not seen are null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct ReplayTrack<'a> {
     name: &'a str,
     title: String,
     kind: ExperimentKind,
@@ -26,6 +28,9 @@ struct Track<'a> {
     command: Vec<Option<i64>>,
     reference: Vec<Option<i64>>,
     predicted: Vec<Option<i64>>,
+    /// Left out of report.html, which does not draw it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    predicted_quadrotor: Option<Vec<Option<i64>>>,
     /// Arm nodes of each row, base to tip.
     #[serde(skip_serializing_if = "Option::is_none")]
     arm: Option<Vec<Vec<Option<i64>>>>,
@@ -33,7 +38,7 @@ struct Track<'a> {
     configurations: Vec<[f64; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     target: Option<[f64; 2]>,
-    #[serde(skip_serializing_if = "Option::is_none", rename = "targetKnot")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     target_knot: Option<usize>,
     /// Largest quadrotor x and z, m.
     limits: [Option<f64>; 2],
@@ -43,15 +48,37 @@ struct Track<'a> {
 pub(super) fn replay_json(experiments: &[&Experiment], palette: &Palette) -> Result<String, ReportError> {
     let experiments = experiments
         .iter()
-        .map(|e| track(e, palette))
+        .map(|experiment| {
+            experiment.check_shapes()?;
+            Ok(track(experiment, palette))
+        })
         .collect::<Result<_, _>>()?;
     serde_json::to_string(&Replay { dt: DT, experiments }).map_err(|e| ReportError::Json {
         reason: e.to_string(),
     })
 }
 
-fn track<'a>(experiment: &'a Experiment, palette: &Palette) -> Result<Track<'a>, ReportError> {
-    experiment.check_shapes()?;
+/// Every experiment as a track, in reading order, with the predicted quadrotor positions. An experiment without reference
+/// and prediction is a flight without a plan, one without rows a plan that was not flown yet.
+pub fn replay_tracks(results: &Results) -> Result<Vec<(&Experiment, ReplayTrack<'_>)>, ReportError> {
+    let palette = palette(results);
+    results
+        .experiments_in_order()
+        .into_iter()
+        .map(|experiment| {
+            if !experiment.flight.samples.is_empty() {
+                experiment.check_shapes()?;
+            }
+            let track = ReplayTrack {
+                predicted_quadrotor: Some(integers(experiment.predicted_quadrotor.iter().copied().map(Some))),
+                ..track(experiment, &palette)
+            };
+            Ok((experiment, track))
+        })
+        .collect()
+}
+
+fn track<'a>(experiment: &'a Experiment, palette: &Palette) -> ReplayTrack<'a> {
     let samples = &experiment.flight.samples;
     let arm = &experiment.arm;
     let mut configurations: Vec<[f64; 2]> = samples
@@ -64,7 +91,7 @@ fn track<'a>(experiment: &'a Experiment, palette: &Palette) -> Result<Track<'a>,
     for [length, pressure] in &mut configurations {
         (*length, *pressure) = (round(*length), round(*pressure));
     }
-    Ok(Track {
+    ReplayTrack {
         name: &experiment.name,
         title: experiment.title(),
         kind: experiment.kind,
@@ -75,6 +102,7 @@ fn track<'a>(experiment: &'a Experiment, palette: &Palette) -> Result<Track<'a>,
         command: integers(samples.iter().map(|s| Some(s.command))),
         reference: integers(experiment.reference.iter().copied().map(Some)),
         predicted: integers(experiment.predicted_end_effector.iter().copied().map(Some)),
+        predicted_quadrotor: None,
         arm: (!arm.is_empty()).then(|| {
             arm.iter()
                 .map(|nodes| integers(nodes.iter().copied().map(Some)))
@@ -86,7 +114,7 @@ fn track<'a>(experiment: &'a Experiment, palette: &Palette) -> Result<Track<'a>,
         limits: experiment
             .swing
             .map_or([None; 2], |s| [s.quadrotor_x_max, s.quadrotor_z_max]),
-    })
+    }
 }
 
 /// Values in units of 1e-4; null for rows that were not seen or are not finite.

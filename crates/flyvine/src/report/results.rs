@@ -102,7 +102,8 @@ pub struct Experiment {
     pub label: String,
     /// Period of the lemniscate, s.
     pub period_s: Option<f64>,
-    /// End-effector reference, one per knot.
+    /// End-effector reference, one per knot; empty, as the predictions, for a flight without a plan, of which there is
+    /// only a replay.
     pub reference: Vec<[f64; 3]>,
     /// Predicted quadrotor positions, one per knot.
     pub predicted_quadrotor: Vec<[f64; 3]>,
@@ -239,7 +240,7 @@ impl Experiment {
                 });
             }
         }
-        if rows > knots {
+        if knots > 0 && rows > knots {
             return Err(ReportError::RowCount {
                 experiment: experiment(),
                 rows,

@@ -1,5 +1,7 @@
 //! What goes in at the start, where the flight stands, and what comes out.
 
+use std::fmt;
+
 /// Where the flight stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum State {
@@ -15,6 +17,19 @@ pub enum State {
     Landing,
     /// Ended: nothing is sent any more.
     Stopped,
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Flying => "flying",
+            Self::Coasting => "coasting",
+            Self::Holding => "holding",
+            Self::AutopilotHold => "autopilot hold",
+            Self::Landing => "landing",
+            Self::Stopped => "stopped",
+        })
+    }
 }
 
 /// The autopilot mode that goes with a set-point.
