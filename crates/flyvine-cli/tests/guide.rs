@@ -9,15 +9,19 @@
 //!
 //! Plain ` ```sh ` blocks need a browser or another machine and are not run.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::repository;
-
 /// A chapter: its file's name and text.
 type Chapter = (String, String);
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn flyvine() -> assert_cmd::Command {
+    assert_cmd::Command::cargo_bin("flyvine").unwrap()
+}
 
 fn source() -> PathBuf {
     repository().join("docs/guide/src")
@@ -172,7 +176,7 @@ fn heading_anchor(line: &str) -> Option<String> {
 #[test]
 fn manual_pages_and_completions_know_every_command() {
     let folder = tempfile::tempdir().unwrap();
-    common::flyvine()
+    flyvine()
         .args(["man", "--out"])
         .arg(folder.path())
         .assert()
@@ -180,7 +184,7 @@ fn manual_pages_and_completions_know_every_command() {
     let page = |name: &str| std::fs::read_to_string(Path::new(folder.path()).join(name)).unwrap();
     assert!(page("flyvine.1").contains("Exit codes"));
     for shell in ["bash", "zsh", "fish"] {
-        let output = common::flyvine().args(["completions", shell]).output().unwrap();
+        let output = flyvine().args(["completions", shell]).output().unwrap();
         let script = String::from_utf8(output.stdout).unwrap();
         for command in ["fit", "plan", "fly", "view", "score"] {
             assert!(script.contains(command), "{shell}: {command}");

@@ -9,8 +9,9 @@ import { distinctColors, onTheme, toggleTheme } from "./theme.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const VIEW_NAMES = ["orbit", "side", "top", "follow"];
-/** Plots of a live flight are drawn this often at most, ms. */
+/** Plots of a live flight are drawn this often at most, ms; and where frames are slow. */
 const LIVE_PLOTS_MS = 100;
+const SLOW_LIVE_PLOTS_MS = 500;
 /** Frames this slow, this many in a row, are drawn more simply from then on. */
 const SLOW_FRAME_MS = 90;
 const SLOW_FRAMES = 6;
@@ -33,6 +34,7 @@ class Page {
     /** @type {number | null} */ this.lastTick = null;
     /** @type {number | null} when the last frame was drawn, if the one before it was, too */ this.lastFrame = null;
     this.slowFrames = 0;
+    this.livePlotsMs = LIVE_PLOTS_MS;
     /** @type {number | null} when the plots lack rows, since when, ms */ this.plotsDueSince = null;
     this.scene = makeScene(() => { this.dirty = true; });
     this.plots = new Plots(find("panels"), (row) => { this.pause(); this.seek(row); });
@@ -252,7 +254,7 @@ class Page {
         this.pause();
       }
     }
-    if (this.plotsDueSince !== null && now - this.plotsDueSince >= LIVE_PLOTS_MS) {
+    if (this.plotsDueSince !== null && now - this.plotsDueSince >= this.livePlotsMs) {
       this.plotsDueSince = null;
       this.plots.grow();
       this.scene?.grow();
@@ -272,7 +274,10 @@ class Page {
     const isSlow = this.lastFrame !== null && now - this.lastFrame > SLOW_FRAME_MS;
     this.slowFrames = isSlow ? this.slowFrames + 1 : 0;
     this.lastFrame = now;
-    if (this.slowFrames === SLOW_FRAMES) this.scene?.simplify();
+    if (this.slowFrames === SLOW_FRAMES && this.livePlotsMs === LIVE_PLOTS_MS) {
+      this.livePlotsMs = SLOW_LIVE_PLOTS_MS;
+      this.scene?.simplify();
+    }
   }
 
   // ---- controls and keys

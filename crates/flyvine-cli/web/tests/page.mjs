@@ -237,22 +237,22 @@ async function live() {
   const knots = Math.round(liveSeconds / DT) + 1;
   const flight = serve("fly", "plan.json", "--vehicle", "sim", "--out", "live.mcap", "--live");
   const page = await browser.newPage({ viewport: { width: 1440, height: 900 } });
-  // Taken from the first row on: when each row is due, when it comes, what is on the screen.
+  // Taken from the first row on: what comes when, and which row is on the screen when. A row is due at its time after
+  // the start, and the start is what the promptest row says.
   await page.addInitScript((dt) => {
-    globalThis.record = { firstMs: null, arrivals: [], behind: [] };
+    globalThis.record = { arrivals: [], arrivedMs: [], frames: [] };
     const wait = setInterval(() => {
       const app = globalThis.flyvine;
       if (!app) return;
       clearInterval(wait);
       const addRows = app.addRows.bind(app);
       app.addRows = (rows) => {
-        const now = performance.now();
-        record.firstMs ??= now - 1000 * dt * rows[rows.length - 1].row;
         record.arrivals.push(...rows.map((row) => row.row));
+        record.arrivedMs.push(performance.now() - 1000 * dt * rows[rows.length - 1].row);
         addRows(rows);
       };
       const watch = (now) => {
-        if (record.firstMs !== null && app.live) record.behind.push((now - record.firstMs) / (1000 * dt) - app.row);
+        if (record.arrivals.length > 0 && app.live) record.frames.push([now, app.row]);
         requestAnimationFrame(watch);
       };
       requestAnimationFrame(watch);
@@ -266,12 +266,15 @@ async function live() {
   await page.screenshot({ path: join(shots, "live.png") });
   assert.equal(await flight.ended, 0);
   await page.waitForFunction(() => !flyvine.live);
-  const { rows, behind, arrivals, state } = await page.evaluate(() => ({
-    rows: flyvine.first.rows,
-    behind: record.behind,
-    arrivals: record.arrivals,
-    state: document.getElementById("live-state").textContent,
-  }));
+  const { rows, behind, arrivals, state } = await page.evaluate((dt) => {
+    const startMs = Math.min(...record.arrivedMs);
+    return {
+      rows: flyvine.first.rows,
+      behind: record.frames.map(([now, row]) => (now - startMs) / (1000 * dt) - row),
+      arrivals: record.arrivals,
+      state: document.getElementById("live-state").textContent,
+    };
+  }, DT);
   assert.equal(rows, knots);
   assert.deepEqual(arrivals, Array.from({ length: knots }, (_, k) => k), "every row, once, in order");
   assert.equal(state, "flown to the end");
