@@ -1,8 +1,14 @@
 //! What goes in at the start, where the flight stands, and what comes out.
 
+use crate::link::Mode;
+
 /// Where the flight stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum State {
+    /// On the ground, not armed; the start position streams.
+    Standing,
+    /// On the way from the ground to the start.
+    Climbing,
     /// Under control of the controller.
     Flying,
     /// Under control of the controller, which lacks a fresh pose.
@@ -11,21 +17,10 @@ pub enum State {
     Holding,
     /// Ended: the autopilot shall hold by itself.
     AutopilotHold,
-    /// Ended: the autopilot shall land.
+    /// The autopilot shall land: the flight is over, in good order or not.
     Landing,
     /// Ended: nothing is sent any more.
     Stopped,
-}
-
-/// The autopilot mode that goes with a set-point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Follow the set-points.
-    Offboard,
-    /// Hold position.
-    Hold,
-    /// Land.
-    Land,
 }
 
 /// What may leave the machine at this tick.
@@ -43,8 +38,8 @@ pub struct Order {
 pub struct Start {
     /// Time, s.
     pub t_s: f64,
-    /// Quadrotor position, m; it must be in the room.
+    /// Quadrotor position, m; it must be in the room, or below it if the vehicle stands on the ground.
     pub quadrotor: [f64; 3],
-    /// End-effector position, m; it must be in the room.
+    /// End-effector position, m; likewise.
     pub end_effector: [f64; 3],
 }
