@@ -12,10 +12,13 @@ mod fit;
 mod fit_progress;
 mod flights;
 mod fly;
+mod fly_autopilot;
 mod learn;
 mod outcome;
 mod physical_report;
 mod plan;
+mod rehearse;
+mod rehearse_vehicle;
 mod report;
 mod run_folder;
 mod score;
@@ -53,6 +56,9 @@ enum Command {
     Check(check::CheckArguments),
     Plan(plan::PlanArguments),
     Fly(fly::FlyArguments),
+    Rehearse(rehearse::RehearseArguments),
+    #[command(hide = true)]
+    RehearseVehicle(rehearse_vehicle::RehearseVehicleArguments),
     Learn(learn::LearnArguments),
     Excite(excite::ExciteArguments),
     Score(score::ScoreArguments),
@@ -71,6 +77,8 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(arguments),
         Command::Plan(arguments) => plan::run(arguments),
         Command::Fly(arguments) => fly::run(arguments),
+        Command::Rehearse(arguments) => rehearse::run(arguments),
+        Command::RehearseVehicle(arguments) => rehearse_vehicle::run(arguments),
         Command::Learn(arguments) => learn::run(arguments),
         Command::Excite(arguments) => excite::run(arguments),
         Command::Score(arguments) => score::run(arguments),

@@ -2,3 +2,6 @@
 //!
 //! Every protocol is a codec without input or output (bytes in, events out) and a thin transport over it. This crate has
 //! the clock and the sockets that [`flyvine`] does without. Nothing listens beyond loopback unless asked to.
+
+pub mod autopilot;
+pub mod rehearsal;
