@@ -22,14 +22,16 @@ use flyvine::task::{Plan, read_plan};
 use crate::arm_shape::{ArmNodes, ShownVehicle};
 use crate::console::{progress, say};
 use crate::convert::extension;
+use crate::fly_autopilot::{AutopilotArguments, fly_on_autopilot};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::page::{LiveArguments, LiveRow, LiveSession, PacedVehicle};
 
 /// Fly a plan on a vehicle and record the flight.
 ///
 /// VEHICLE is `sim` or `sim:vehicle.toml` (built in), `exec:PROGRAM ARGS`: your own simulator or rig as a child
-/// process that speaks one JSON object per line on stdin/stdout (examples/vehicle.py is one), or `replay:FLIGHT`: a
-/// recording, on which a controller repeats its commands to the last bit. A supervisor owns every
+/// process that speaks one JSON object per line on stdin/stdout (examples/vehicle.py is one), `replay:FLIGHT`: a
+/// recording, on which a controller repeats its commands to the last bit, or `mavlink:ADDRESS`: a real vehicle behind an
+/// autopilot, in real time; ADDRESS is udpin:HOST:PORT, udpout:HOST:PORT or serial:DEVICE:BAUD. A supervisor owns every
 /// command: it refuses NaN, stale, frozen and jumping poses, and keeps quadrotor and tip inside the room. An aborted
 /// flight exits with code 3; its recording is kept.
 ///
@@ -37,6 +39,10 @@ use crate::page::{LiveArguments, LiveRow, LiveSession, PacedVehicle};
 ///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --controller mpc --out flight.csv
 ///   flyvine fly plan.json --vehicle replay:flight.csv --controller mpc --out again.csv
 ///   flyvine fly plan.json --vehicle sim --out flight.mcap --live
+///   flyvine fly plan.json --vehicle mavlink:udpin:127.0.0.1:14540 --mocap loopback:127.0.0.1:4801 --dry-run --out f.mcap
+///
+/// On an autopilot, a checklist comes first and says what is missing and why it matters. Ctrl-C is an abort: hold, then the
+/// autopilot's Hold, then Land. Beside other programs that compute, run it with real-time scheduling: chrt --rr 10.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct FlyArguments {
@@ -68,6 +74,8 @@ pub struct FlyArguments {
     seed: u64,
     #[command(flatten)]
     live: LiveArguments,
+    #[command(flatten)]
+    autopilot: AutopilotArguments,
 }
 
 /// The control laws that can be flown.
@@ -129,6 +137,15 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
         },
         reference: None,
     };
+    if let Some(address) = arguments.vehicle.strip_prefix("mavlink:") {
+        let flight = fly_on_autopilot(&plan, &flying, address, &arguments.autopilot)?;
+        let Some(outcome) = flight.outcome else {
+            return Ok(flight.ended);
+        };
+        let ended = say_outcome(&outcome);
+        write_recording(&arguments.out, &outcome)?;
+        return Ok(ended);
+    }
     let mut learning = LapLearning::new(plan.reference.clone());
     let mut best: Option<(f64, FlightOutcome)> = None;
     let mut ended = Outcome::Done;
@@ -150,20 +167,13 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
                 "warning: the vehicle did not end in good order: {error}"
             ));
         }
-        for event in &outcome.events {
-            say(&event.to_string());
-        }
-        say_steps(&outcome.steps);
+        ended = say_outcome(&outcome);
         let error_m = learning.learn(&outcome.flight);
         if let (true, Some(error_m)) = (arguments.laps > 1, error_m) {
             say(&format!("lap {}: {} cm", lap + 1, centimetres_fine(error_m)));
         }
         if arguments.laps > 1 {
             write_recording(&lap_path(&arguments.out, lap + 1), &outcome)?;
-        }
-        if let End::Aborted { t_s, cause } = &outcome.end {
-            say(&format!("flight aborted at {t_s:.2} s: {cause}"));
-            ended = Outcome::Untrusted;
         }
         let error_m = match ended {
             Outcome::Done => error_m.unwrap_or(f64::INFINITY),
@@ -223,6 +233,21 @@ fn fly_and_show(
     Ok(outcome)
 }
 
+/// Says what happened in a flight, and whether it was flown to its end.
+fn say_outcome(outcome: &FlightOutcome) -> Outcome {
+    for event in &outcome.events {
+        say(&event.to_string());
+    }
+    say_steps(&outcome.steps);
+    match &outcome.end {
+        End::Completed => Outcome::Done,
+        End::Aborted { t_s, cause } => {
+            say(&format!("flight aborted at {t_s:.2} s: {cause}"));
+            Outcome::Untrusted
+        }
+    }
+}
+
 fn write_recording(path: &Path, outcome: &FlightOutcome) -> Result<(), Failure> {
     write_controlled_flight(path, &outcome.flight, &outcome.steps).or_internal()?;
     say(&format!(
@@ -261,9 +286,23 @@ pub fn fly_plan_watched(
     progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
     watch: &mut dyn FnMut(&FlownRow),
 ) -> Result<FlightOutcome, Failure> {
+    let mut outcome = with_controller(plan, flying, &limits, |trajectory, controller| {
+        fly_watched(trajectory, controller, limits, vehicle, seed, progress, watch).or_input()
+    })??;
+    outcome.flight.name.clone_from(&plan.task.name);
+    Ok(outcome)
+}
+
+/// Calls `flight` with a plan's trajectory, in its task's command bounds, and the controller that was chosen for it.
+pub fn with_controller<R>(
+    plan: &Plan,
+    flying: &Flying,
+    limits: &Limits,
+    flight: impl FnOnce(&Trajectory, &mut (dyn Controller + Send)) -> R,
+) -> Result<R, Failure> {
     let trajectory = Trajectory::of_plan(plan).or_input()?;
     let model = plan.bank.scheduled(&plan.configurations).or_input()?;
-    let mut controller: Box<dyn Controller> = match flying.controller {
+    let mut controller: Box<dyn Controller + Send> = match flying.controller {
         ControllerChoice::OpenLoop => Box::new(OpenLoop::new(&trajectory)),
         ControllerChoice::Tracking => Box::new(Tracking::new(&trajectory, &model).or_input()?),
         ControllerChoice::Mpc => {
@@ -286,18 +325,7 @@ pub fn fly_plan_watched(
             Box::new(replanning)
         }
     };
-    let mut outcome = fly_watched(
-        &trajectory,
-        controller.as_mut(),
-        limits,
-        vehicle,
-        seed,
-        progress,
-        watch,
-    )
-    .or_input()?;
-    outcome.flight.name.clone_from(&plan.task.name);
-    Ok(outcome)
+    Ok(flight(&trajectory, controller.as_mut()))
 }
 
 /// Says times and outcomes of a controller that optimizes; nothing for others.
@@ -386,7 +414,8 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
         ),
         _ => {
             return bad_input(format!(
-                "--vehicle {name}: expected `sim`, `sim:vehicle.toml`, `exec:PROGRAM ARGS` or `replay:FLIGHT`"
+                "--vehicle {name}: expected `sim`, `sim:vehicle.toml`, `exec:PROGRAM ARGS`, `replay:FLIGHT` or \
+                 `mavlink:ADDRESS`"
             ));
         }
     };

@@ -13,6 +13,7 @@ mod fit;
 mod fit_progress;
 mod flights;
 mod fly;
+mod fly_autopilot;
 mod learn;
 mod man;
 mod mocap;
@@ -21,6 +22,8 @@ mod outcome;
 mod page;
 mod physical_report;
 mod plan;
+mod rehearse;
+mod rehearse_vehicle;
 mod report;
 mod run_folder;
 mod score;
@@ -59,6 +62,9 @@ enum Command {
     Check(check::CheckArguments),
     Plan(plan::PlanArguments),
     Fly(fly::FlyArguments),
+    Rehearse(rehearse::RehearseArguments),
+    #[command(hide = true)]
+    RehearseVehicle(rehearse_vehicle::RehearseVehicleArguments),
     Learn(learn::LearnArguments),
     Excite(excite::ExciteArguments),
     Score(score::ScoreArguments),
@@ -82,6 +88,8 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(arguments),
         Command::Plan(arguments) => plan::run(arguments),
         Command::Fly(arguments) => fly::run(arguments),
+        Command::Rehearse(arguments) => rehearse::run(arguments),
+        Command::RehearseVehicle(arguments) => rehearse_vehicle::run(arguments),
         Command::Learn(arguments) => learn::run(arguments),
         Command::Excite(arguments) => excite::run(arguments),
         Command::Score(arguments) => score::run(arguments),

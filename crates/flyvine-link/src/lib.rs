@@ -4,6 +4,8 @@
 //! the clock and the sockets that [`flyvine`] does without. Nothing listens beyond loopback unless asked to.
 
 pub mod arm;
+pub mod autopilot;
 pub mod mocap;
 pub mod onboard;
 pub mod recording;
+pub mod rehearsal;

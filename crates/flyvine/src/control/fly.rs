@@ -1,4 +1,6 @@
-//! One flight of a trajectory on a vehicle in lockstep.
+//! One flight of a trajectory, in lockstep or in real time.
+
+mod take_off;
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -7,7 +9,8 @@ use super::supervisor::{Event, EventKind, Limits, Mode, Reason, Start, State, Su
 use super::{Controller, Proposal, Tick, Trajectory};
 use crate::DT;
 use crate::flight::{ControlStep, Flight, Sample};
-use crate::link::{Vehicle, VehicleError};
+use crate::link::{Health, Observation, Vehicle, VehicleError};
+use take_off::TakeOff;
 
 /// What became of a flight. The recording is there whatever the end.
 #[derive(Debug)]
@@ -72,10 +75,11 @@ pub struct FlownRow<'a> {
 
 /// Flies `trajectory` on `vehicle`: N knots make N rows, the last repeating the final command.
 ///
-/// Every command passes a [`Supervisor`] with these `limits`. After an abort the position is held for
-/// [`Limits::hold_s`]; then the flight ends, since a vehicle in lockstep has no autopilot modes to fall back
-/// on. `progress` is called with the knot and the number of knots before each command and may stop the
-/// flight. An `Err` means that nothing was flown: the limits are bad, or the plan starts outside the room.
+/// Every command passes a [`Supervisor`] with these `limits`. A vehicle that stands on the ground is first brought to the
+/// start, and one in real time lands after the last knot. After an abort the position is held for [`Limits::hold_s`];
+/// then a vehicle in lockstep ends the flight, since it has no autopilot modes to fall back on, and one in real time goes
+/// down the rest of the abort ladder. `progress` is called with the knot and the number of knots before each command and
+/// may stop the flight. An `Err` means that nothing was flown: the limits are bad, or the plan starts outside the room.
 pub fn fly(
     trajectory: &Trajectory,
     controller: &mut dyn Controller,
@@ -123,7 +127,14 @@ pub fn fly_watched(
 
     let mut configuration = trajectory.configuration(0);
     let mut answer = vehicle.reset(configuration, seed);
-    for row in 0.. {
+    let mut take_off = None;
+    if let (Ok(observation), Some(health)) = (&answer, vehicle.health()) {
+        supervisor = supervise_from(limits, trajectory, observation, &health)?;
+        take_off = health.standing.then(|| TakeOff::new(trajectory, health.now_s));
+    }
+    let mut row = 0;
+    let mut origin_s = vehicle.health().map_or(0.0, |health| health.now_s);
+    loop {
         let observation = match answer {
             Ok(observation) => observation,
             Err(error) => {
@@ -131,62 +142,92 @@ pub fn fly_watched(
                 break;
             }
         };
-        let t_s = row as f64 * DT;
+        let health = vehicle.health();
+        let now_s = health.map_or(row as f64 * DT, |health| health.now_s);
         if supervisor.reason().is_none() {
-            configuration = trajectory.configuration(row);
-            if progress(row, trajectory.knots()).is_break() {
+            configuration = trajectory.configuration(row.min(last_knot));
+            if supervisor.state() != State::Landing && progress(row, trajectory.knots()).is_break() {
                 supervisor.abort(Reason::Operator);
             }
         }
-        let held_command = supervisor.setpoint();
-        let credible = supervisor.observe(t_s, &observation, configuration);
-        if row == 0 {
-            controller.prepare(&credible);
+        if let Some(health) = &health {
+            supervisor.hear(health);
         }
-        let proposal = if supervisor.reason().is_none() && row < last_knot {
-            let started = Instant::now();
-            let proposal = controller.propose(&Tick {
-                knot: row,
-                observation: credible,
-                held_command,
-            });
-            let step_ms = 1e3 * started.elapsed().as_secs_f64();
-            steps.extend(
-                controller
-                    .report()
-                    .map(|report| ControlStep { row, step_ms, report }),
-            );
-            proposal
-        } else {
-            Proposal::Command(held_command)
+        let held_command = supervisor.setpoint();
+        let credible = supervisor.observe(now_s, &observation, configuration);
+        if let (Some(climb), Some(health)) = (&mut take_off, &health) {
+            climb.watch(&mut supervisor, health, &credible);
+            if supervisor.state() == State::Flying {
+                take_off = None;
+                origin_s = now_s;
+            }
+        }
+        let proposal = match &take_off {
+            Some(climb) => Proposal::Command(climb.setpoint(held_command)),
+            None if supervisor.reason().is_none() && row < last_knot => {
+                let observation = Observation {
+                    t_s: health.map_or(credible.t_s, |_| now_s - origin_s),
+                    ..credible
+                };
+                if row == 0 {
+                    controller.prepare(&observation);
+                }
+                let started = Instant::now();
+                let proposal = controller.propose(&Tick {
+                    knot: row,
+                    observation,
+                    held_command,
+                });
+                let step_ms = 1e3 * started.elapsed().as_secs_f64();
+                steps.extend(
+                    controller
+                        .report()
+                        .map(|report| ControlStep { row, step_ms, report }),
+                );
+                proposal
+            }
+            None => Proposal::Command(held_command),
         };
-        let order = supervisor.decide(t_s, proposal);
-        let (Some(command), Mode::Offboard) = (order.setpoint, order.mode) else {
+        let order = supervisor.decide(now_s, proposal);
+        let Some(command) = order.setpoint else {
             break;
         };
-        samples.push(Sample {
-            t_s,
+        let sample = Sample {
+            t_s: now_s - origin_s,
             configuration,
             command,
             command_velocity: None,
             quadrotor: observation.quadrotor,
             end_effector: observation.end_effector,
-        });
+        };
         let told = events.len();
         events.extend(supervisor.take_events());
         watch(&FlownRow {
             row,
             knots: trajectory.knots(),
-            sample: &samples[row],
+            sample: &sample,
             state: supervisor.state(),
             reason: supervisor.reason(),
             events: &events[told..],
             step: steps.last().filter(|step| step.row == row),
         });
-        if row == last_knot && supervisor.reason().is_none() {
+        if order.mode == Mode::Offboard && take_off.is_none() {
+            samples.push(sample);
+        }
+        let is_flown = row == last_knot && supervisor.reason().is_none();
+        if health.is_none() && (is_flown || order.mode != Mode::Offboard) {
             break;
         }
+        if is_flown {
+            supervisor.land();
+        }
+        if health.is_some() {
+            vehicle.set_mode(order.mode);
+        }
         answer = vehicle.step(command, configuration);
+        if take_off.is_none() {
+            row += 1;
+        }
     }
 
     events.extend(supervisor.take_events());
@@ -225,6 +266,26 @@ pub fn fly_watched(
         events,
         hold_error,
     })
+}
+
+/// Supervises a vehicle in real time from its own clock and from where it is.
+fn supervise_from(
+    limits: Limits,
+    trajectory: &Trajectory,
+    observation: &Observation,
+    health: &Health,
+) -> Result<Supervisor, SupervisorError> {
+    let (quadrotor, end_effector) = trajectory.start();
+    let start = Start {
+        t_s: health.now_s,
+        quadrotor: observation.quadrotor.map_or(quadrotor, |pose| pose.position),
+        end_effector: observation.end_effector.unwrap_or(end_effector),
+    };
+    if health.standing {
+        Supervisor::standing(limits, start)
+    } else {
+        Supervisor::new(limits, start)
+    }
 }
 
 #[cfg(test)]

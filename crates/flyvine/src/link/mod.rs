@@ -1,8 +1,10 @@
 //! What a plan is flown on: the [`Vehicle`] interface, and vehicles outside this process.
 
 pub mod exec;
+mod health;
 mod recorded;
 
+pub use health::{Captured, Fault, Health, Mode};
 pub use recorded::RecordedVehicle;
 
 use crate::flight::{Configuration, Pose};
@@ -18,14 +20,25 @@ pub struct Observation {
     pub end_effector: Option<[f64; 3]>,
 }
 
-/// A vehicle that flies in lockstep: one command, then [`crate::DT`] seconds of its own time.
+/// A vehicle that takes one command every [`crate::DT`] seconds of its own time: in lockstep, or in real time and then
+/// with [`Health`].
 pub trait Vehicle {
-    /// Starts over, hovering at (0, 0, 1.5) with the arm at rest.
+    /// Starts over, with the arm at rest: hovering at (0, 0, 1.5), or standing on the ground if [`Health::standing`].
     fn reset(&mut self, configuration: Configuration, seed: u64) -> Result<Observation, VehicleError>;
 
     /// Holds `command` (quadrotor position, m) for [`crate::DT`] seconds while the arm is told to go to
     /// `configuration`, and returns the newest poses.
     fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError>;
+
+    /// What the wires say beside the poses, as of the last reset or step. `None` of a vehicle in lockstep: it has neither
+    /// a clock nor modes of its own.
+    fn health(&self) -> Option<Health> {
+        None
+    }
+
+    /// The mode that the autopilot shall be in from the next step on; the vehicle asks until it is. Only called where
+    /// there is [`Health`].
+    fn set_mode(&mut self, _mode: Mode) {}
 
     /// Ends the session in good order. Vehicles that hold nothing outside this process have nothing to do.
     fn close(&mut self) -> Result<(), VehicleError> {
@@ -56,6 +69,15 @@ pub enum VehicleError {
         /// What was found.
         what: String,
     },
+    /// The checks before a flight found something missing; nothing was armed.
+    #[error("not ready to fly:\n{what}")]
+    NotReady {
+        /// One line for each thing that is missing, and why it matters.
+        what: String,
+    },
+    /// The operator stopped it before anything was armed.
+    #[error("stopped by the operator before arming")]
+    Interrupted,
     /// A vehicle in a child process failed or broke the protocol.
     #[error(transparent)]
     Exec(#[from] exec::ExecError),

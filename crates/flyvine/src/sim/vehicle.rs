@@ -297,6 +297,34 @@ impl SimulatedVehicle {
         }
     }
 
+    /// Like a step of [`Vehicle`], but for `duration_s`, rounded to periods of the rate loop: for a vehicle whose commands
+    /// and poses come and go at other times than [`DT`].
+    pub fn advance(
+        &mut self,
+        command: [f64; 3],
+        configuration: Configuration,
+        duration_s: f64,
+    ) -> Result<Observation, VehicleError> {
+        self.check(&configuration)?;
+        if command.iter().any(|c| !c.is_finite()) {
+            return Err(VehicleError::Refused {
+                what: format!("command {command:?}, expected three finite numbers"),
+            });
+        }
+        let arrival = self.time_s() + self.parameters.autopilot.command_delay_s;
+        self.pending.push_back((arrival, command.into()));
+        for _ in 0..(duration_s / self.parameters.autopilot.rate_period_s).round() as usize {
+            self.period(&configuration);
+        }
+        if !self.state.is_finite() {
+            return Err(VehicleError::Diverged {
+                t_s: self.time_s(),
+                what: "a position or velocity is not finite".to_owned(),
+            });
+        }
+        Ok(self.observe())
+    }
+
     fn check(&self, configuration: &Configuration) -> Result<(), VehicleError> {
         let [low, high] = self.parameters.arm.length_range_m;
         let highest = self.parameters.pneumatics.max_pressure_kpa;
@@ -325,23 +353,6 @@ impl Vehicle for SimulatedVehicle {
     }
 
     fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
-        self.check(&configuration)?;
-        if command.iter().any(|c| !c.is_finite()) {
-            return Err(VehicleError::Refused {
-                what: format!("command {command:?}, expected three finite numbers"),
-            });
-        }
-        let arrival = self.time_s() + self.parameters.autopilot.command_delay_s;
-        self.pending.push_back((arrival, command.into()));
-        for _ in 0..(DT / self.parameters.autopilot.rate_period_s).round() as usize {
-            self.period(&configuration);
-        }
-        if !self.state.is_finite() {
-            return Err(VehicleError::Diverged {
-                t_s: self.time_s(),
-                what: "a position or velocity is not finite".to_owned(),
-            });
-        }
-        Ok(self.observe())
+        self.advance(command, configuration, DT)
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::link::Fault;
+
 /// One of the two tracked bodies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Body {
@@ -111,6 +113,21 @@ pub enum Reason {
         /// The length found, m.
         length_m: f64,
     },
+    /// Ticks came too late, two or more periods in a row.
+    #[error("{missed} ticks missed in a row")]
+    TicksMissed {
+        /// How many.
+        missed: u32,
+    },
+    /// Not at the start in time.
+    #[error("not at the start {limit_s} s after arming")]
+    NotAirborne {
+        /// Limit, s.
+        limit_s: f64,
+    },
+    /// What the vehicle itself reports.
+    #[error(transparent)]
+    Fault(#[from] Fault),
     /// The operator asked for it.
     #[error("stopped by the operator")]
     Operator,
@@ -155,7 +172,11 @@ pub enum EventKind {
     },
     /// The controller missed a tick: the last command stays.
     ControllerLate,
-    /// The flight is over: hold in place.
+    /// Armed, on the way to the start.
+    Climbing,
+    /// At the start: the controller has the vehicle.
+    AtStart,
+    /// The flight is over: hold in place, or the safest that is left from where the vehicle is.
     Aborted(Reason),
     /// The next rung of the abort ladder: the autopilot shall hold.
     AutopilotHold,
@@ -192,7 +213,9 @@ impl fmt::Display for EventKind {
                 )
             }
             EventKind::ControllerLate => f.write_str("controller late: the last command stays"),
-            EventKind::Aborted(reason) => write!(f, "abort, holding in place: {reason}"),
+            EventKind::Climbing => f.write_str("climbing to the start"),
+            EventKind::AtStart => f.write_str("at the start"),
+            EventKind::Aborted(reason) => write!(f, "abort: {reason}"),
             EventKind::AutopilotHold => f.write_str("autopilot Hold"),
             EventKind::Land => f.write_str("Land"),
             EventKind::Stopped => f.write_str("stream stopped"),

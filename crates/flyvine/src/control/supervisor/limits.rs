@@ -47,6 +47,15 @@ impl Room {
             && position[2] >= self.end_effector_z_min_m
     }
 
+    /// The same room without a floor, for a vehicle on its way up from the ground or down to it.
+    pub(super) fn without_floor(&self) -> Self {
+        Self {
+            quadrotor_z_m: [f64::NEG_INFINITY, self.quadrotor_z_m[1]],
+            end_effector_z_min_m: f64::NEG_INFINITY,
+            ..*self
+        }
+    }
+
     /// The quadrotor position nearest to a finite `position`.
     pub fn clip(&self, position: [f64; 3]) -> [f64; 3] {
         let intervals = self.quadrotor();
@@ -80,6 +89,8 @@ pub struct Limits {
     pub autopilot_hold_s: f64,
     /// Longest landing before the stream stops, s.
     pub landing_s: f64,
+    /// Longest way from arming to the start, s.
+    pub climb_s: f64,
 }
 
 impl Default for Limits {
@@ -96,6 +107,7 @@ impl Default for Limits {
             hold_s: 2.0,
             autopilot_hold_s: 5.0,
             landing_s: 20.0,
+            climb_s: 20.0,
         }
     }
 }
@@ -149,6 +161,7 @@ impl Limits {
             ("hold_s", Some(self.hold_s)),
             ("autopilot_hold_s", Some(self.autopilot_hold_s)),
             ("landing_s", Some(self.landing_s)),
+            ("climb_s", Some(self.climb_s)),
         ] {
             if value.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
                 let found = value.unwrap_or_default().to_string();

@@ -1,15 +1,20 @@
 //! The supervisor: one pure state machine that owns every command that leaves the machine.
 //!
 //! ```text
-//! Flying ◀──▶ Coasting          a pose older than 100 ms
-//!    │            │
-//!    └─────┬──────┘  any Reason
-//!          ▼
-//!       Holding ──▶ AutopilotHold ──▶ Landing ──▶ Stopped
+//! Standing ──▶ Climbing ──▶ Flying ◀──▶ Coasting          a pose older than 100 ms
+//!    │          │     │        │ └──────────┤
+//!    │          │     │        └─────┬──────┘  any Reason
+//!    │          │     └──────────▶ Holding ──▶ AutopilotHold
+//!    ▼          ▼ below the room                  │
+//! Stopped ◀── Landing ◀───────────────────────────┘       also the good end, from Flying
 //! ```
 //!
-//! Each tick it is told the time and the poses ([`Supervisor::observe`]), gives back those that it believes,
-//! and turns the controller's proposal into an [`Order`] ([`Supervisor::decide`]). It does no I/O and reads
+//! Supervision starts in `Flying` for a vehicle that hovers at the start, in `Standing` for one on the ground. Somebody
+//! else's hand on the vehicle ([`Fault::TakenOver`]) stops everything from any state: nobody is fought over the controls.
+//!
+//! Each tick it is told what the wires say ([`Supervisor::hear`], in real time only) and the poses
+//! ([`Supervisor::observe`]), gives back those that it believes, and turns the controller's proposal into an [`Order`]
+//! ([`Supervisor::decide`]). It does no I/O and reads
 //! no clock. It fails closed: what it cannot judge ends the flight, and no flight that was ended goes on.
 //! Set-points it gives out are finite and inside the room, always.
 
@@ -18,14 +23,15 @@ mod limits;
 mod pose_watch;
 mod state;
 
+pub use crate::link::Mode;
 pub use event::{Body, Event, EventKind, Reason};
 pub use limits::{Limits, LimitsError, Room};
-pub use state::{Mode, Order, Start, State};
+pub use state::{Order, Start, State};
 
 use super::Proposal;
 use crate::DT;
 use crate::flight::{Configuration, Pose};
-use crate::link::Observation;
+use crate::link::{Captured, Fault, Health, Observation};
 use pose_watch::{PoseWatch, Seen, Verdict, distance};
 
 /// How far the norm of an attitude may be from 1.
@@ -34,6 +40,8 @@ const NORM_TOLERANCE: f64 = 1e-2;
 const ROUNDING_S: f64 = 1e-9;
 /// Late answers in a row that end the flight.
 const LATE_TO_ABORT: u32 = 2;
+/// Periods missed in a row that end the flight.
+const MISSED_TO_ABORT: u32 = 2;
 
 /// A supervisor that cannot be set up.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -62,6 +70,11 @@ pub struct Supervisor {
     end_effector: PoseWatch,
     autopilot_heard_s: f64,
     arm_heard_s: f64,
+    /// When the poses of this tick were captured, where the wires tell, and the newest capture so far.
+    captured: Option<Captured>,
+    newest: Captured,
+    /// The mode that the autopilot was seen in when it was asked for it.
+    confirmed: Option<Mode>,
     /// The last set-point, m.
     setpoint: [f64; 3],
     clipping: bool,
@@ -70,22 +83,34 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// Starts supervising a vehicle that stands or hovers where `start` says.
+    /// Starts supervising a vehicle that hovers where `start` says, in the room.
     pub fn new(limits: Limits, start: Start) -> Result<Self, SupervisorError> {
+        Self::starting(limits, start, State::Flying)
+    }
+
+    /// Starts supervising a vehicle that stands on the ground where `start` says: in the room, or below it.
+    pub fn standing(limits: Limits, start: Start) -> Result<Self, SupervisorError> {
+        Self::starting(limits, start, State::Standing)
+    }
+
+    fn starting(limits: Limits, start: Start, state: State) -> Result<Self, SupervisorError> {
         limits.validate()?;
         let Start {
             t_s,
             quadrotor,
             end_effector,
         } = start;
-        let room = &limits.room;
+        let room = match state {
+            State::Standing => limits.room.without_floor(),
+            _ => limits.room,
+        };
         if !(t_s.is_finite() && room.holds_quadrotor(quadrotor) && room.holds_end_effector(end_effector)) {
             return Err(SupervisorError::Start(start));
         }
         let watch = |speed_max, position| PoseWatch::new(speed_max, position, t_s, quadrotor);
         Ok(Self {
             limits,
-            state: State::Flying,
+            state,
             reason: None,
             since_s: t_s,
             now_s: t_s,
@@ -93,7 +118,13 @@ impl Supervisor {
             end_effector: watch(limits.end_effector_speed_max_m_s, end_effector),
             autopilot_heard_s: t_s,
             arm_heard_s: t_s,
-            setpoint: quadrotor,
+            captured: None,
+            newest: Captured {
+                quadrotor_s: f64::NEG_INFINITY,
+                end_effector_s: f64::NEG_INFINITY,
+            },
+            confirmed: None,
+            setpoint: limits.room.clip(quadrotor),
             clipping: false,
             late: 0,
             events: Vec::new(),
@@ -120,16 +151,6 @@ impl Supervisor {
         std::mem::take(&mut self.events)
     }
 
-    /// The autopilot was heard since the last tick.
-    pub fn heard_autopilot(&mut self) {
-        self.autopilot_heard_s = self.now_s;
-    }
-
-    /// The arm was heard since the last tick.
-    pub fn heard_arm(&mut self) {
-        self.arm_heard_s = self.now_s;
-    }
-
     /// The autopilot reports that it has landed: nothing more to send, if the supervisor asked for it.
     pub fn landed(&mut self) {
         if self.state == State::Landing {
@@ -137,14 +158,106 @@ impl Supervisor {
         }
     }
 
+    /// Leaves the ground, if it stands there: from now on the autopilot is to be armed and to follow.
+    pub fn take_off(&mut self) {
+        if self.state == State::Standing {
+            self.enter(State::Climbing, EventKind::Climbing);
+        }
+    }
+
+    /// The vehicle has climbed to the start and is at rest there: the controller takes it.
+    pub fn at_start(&mut self) {
+        if self.state == State::Climbing {
+            self.enter(State::Flying, EventKind::AtStart);
+        }
+    }
+
+    /// Ends a flight in good order.
+    pub fn land(&mut self) {
+        if matches!(self.state, State::Flying | State::Coasting) {
+            self.enter(State::Landing, EventKind::Land);
+        }
+    }
+
     /// Ends the flight for a reason that comes from outside.
     pub fn abort(&mut self, reason: Reason) {
-        if self.reason.is_some() {
+        if self.reason.is_some() || self.state == State::Stopped {
             return;
         }
         self.reason = Some(reason);
-        self.setpoint = self.limits.room.clip(self.quadrotor.position());
-        self.enter(State::Holding, EventKind::Aborted(reason));
+        let position = self.quadrotor.position();
+        self.setpoint = self.limits.room.clip(position);
+        let below_room = position[2] < self.limits.room.quadrotor_z_m[0];
+        self.say(EventKind::Aborted(reason));
+        match self.state {
+            _ if is_out_of_our_hands(reason) => self.enter(State::Stopped, EventKind::Stopped),
+            State::Standing => self.enter(State::Stopped, EventKind::Stopped),
+            State::Climbing if below_room => self.enter(State::Landing, EventKind::Land),
+            State::Landing => (),
+            _ => (self.state, self.since_s) = (State::Holding, self.now_s),
+        }
+    }
+
+    /// Takes in what the wires say at this tick; before [`Supervisor::observe`].
+    pub fn hear(&mut self, health: &Health) {
+        self.advance(health.now_s);
+        self.captured = Some(health.captured);
+        // Not from the future, and a NaN counts as silence.
+        self.autopilot_heard_s = self
+            .autopilot_heard_s
+            .max(health.autopilot_heard_s.min(self.now_s));
+        if let Some(heard_s) = health.arm_heard_s {
+            self.arm_heard_s = self.arm_heard_s.max(heard_s.min(self.now_s));
+        }
+        if health.missed_ticks >= MISSED_TO_ABORT {
+            self.abort(Reason::TicksMissed {
+                missed: health.missed_ticks,
+            });
+        }
+        if let Some(fault) = health.fault {
+            self.abort(Reason::Fault(fault));
+        }
+        self.check_hands(health);
+    }
+
+    /// Whether the autopilot still does what it was seen to do when it was asked.
+    fn check_hands(&mut self, health: &Health) {
+        if matches!(self.state, State::Standing | State::Stopped) {
+            return;
+        }
+        let was_confirmed = self.confirmed.is_some();
+        if !health.armed {
+            match self.state {
+                State::Landing if was_confirmed || health.standing => self.landed(),
+                _ if was_confirmed => self.release(Fault::Disarmed),
+                _ => (),
+            }
+            return;
+        }
+        let wanted = self.mode();
+        if health.mode == Some(wanted) {
+            self.confirmed = Some(wanted);
+        } else if was_confirmed && health.mode != self.confirmed {
+            self.release(Fault::TakenOver);
+        }
+    }
+
+    /// Somebody else has the vehicle, or nobody: nothing more is sent, whatever came before.
+    fn release(&mut self, fault: Fault) {
+        self.abort(Reason::Fault(fault));
+        if self.state != State::Stopped {
+            self.enter(State::Stopped, EventKind::Stopped);
+        }
+    }
+
+    /// The mode that goes with the state.
+    fn mode(&self) -> Mode {
+        match self.state {
+            State::Standing => Mode::Standby,
+            State::Climbing | State::Flying | State::Coasting | State::Holding => Mode::Offboard,
+            State::AutopilotHold => Mode::Hold,
+            State::Landing | State::Stopped => Mode::Land,
+        }
     }
 
     /// Takes in the newest poses at `now_s` and gives back those that can be believed, the others as `None`.
@@ -156,15 +269,9 @@ impl Supervisor {
             end_effector: None,
         };
         self.advance(now_s);
-        // A pose of this instant may carry the time of the tick's end.
-        if !newest.t_s.is_finite() || newest.t_s > self.now_s + DT {
-            self.abort(Reason::Clock {
-                found: newest.t_s,
-                last: self.now_s,
-            });
+        let Some((newest, captured)) = self.captured_since(newest) else {
             return nothing;
-        }
-        let capture_s = newest.t_s.min(self.now_s);
+        };
         if newest.quadrotor.is_some_and(|pose| !is_possible(&pose)) {
             self.abort(Reason::ImpossiblePose(Body::Quadrotor));
             return nothing;
@@ -181,13 +288,15 @@ impl Supervisor {
         let quadrotor_seen: Option<Seen> = newest.quadrotor.map(|pose| (pose.position, Some(pose.attitude)));
         let end_effector_seen: Option<Seen> = newest.end_effector.map(|position| (position, None));
         let (position, tip) = (quadrotor_seen.map(|seen| seen.0), newest.end_effector);
-        let verdict = self.quadrotor.judge(capture_s, quadrotor_seen, held, tip);
+        let verdict = self
+            .quadrotor
+            .judge(captured.quadrotor_s, quadrotor_seen, held, tip);
         let quadrotor = newest
             .quadrotor
             .filter(|_| self.believe(Body::Quadrotor, verdict));
         let verdict = self
             .end_effector
-            .judge(capture_s, end_effector_seen, held, position);
+            .judge(captured.end_effector_s, end_effector_seen, held, position);
         let end_effector = newest
             .end_effector
             .filter(|_| self.believe(Body::EndEffector, verdict));
@@ -197,6 +306,49 @@ impl Supervisor {
             end_effector,
             ..nothing
         }
+    }
+
+    /// The poses of `newest` that were captured since the last tick, and when; `None` if their clock is broken. Without
+    /// stamps from the wires a pose is as old as its observation.
+    fn captured_since(&mut self, newest: &Observation) -> Option<(Observation, Captured)> {
+        let stamped = self.captured.take();
+        let captured = stamped.unwrap_or(Captured {
+            quadrotor_s: newest.t_s,
+            end_effector_s: newest.t_s,
+        });
+        let stamps = [
+            newest.quadrotor.map(|_| captured.quadrotor_s),
+            newest.end_effector.map(|_| captured.end_effector_s),
+            Some(newest.t_s),
+        ];
+        // A pose of this instant may carry the time of the tick's end.
+        let broken = stamps
+            .into_iter()
+            .flatten()
+            .find(|stamp_s| !stamp_s.is_finite() || *stamp_s > self.now_s + DT);
+        if let Some(found) = broken {
+            let last = self.now_s;
+            self.abort(Reason::Clock { found, last });
+            return None;
+        }
+        let mut observation = *newest;
+        if stamped.is_some() {
+            observation.quadrotor = newest
+                .quadrotor
+                .filter(|_| captured.quadrotor_s > self.newest.quadrotor_s);
+            observation.end_effector = newest
+                .end_effector
+                .filter(|_| captured.end_effector_s > self.newest.end_effector_s);
+            self.newest = Captured {
+                quadrotor_s: self.newest.quadrotor_s.max(captured.quadrotor_s),
+                end_effector_s: self.newest.end_effector_s.max(captured.end_effector_s),
+            };
+        }
+        let captured = Captured {
+            quadrotor_s: captured.quadrotor_s.min(self.now_s),
+            end_effector_s: captured.end_effector_s.min(self.now_s),
+        };
+        Some((observation, captured))
     }
 
     /// Turns the controller's proposal at `now_s` into what may leave.
@@ -217,14 +369,9 @@ impl Supervisor {
                 Proposal::Failed => self.abort(Reason::ControllerFailed),
             }
         }
-        let mode = match self.state {
-            State::Flying | State::Coasting | State::Holding => Mode::Offboard,
-            State::AutopilotHold => Mode::Hold,
-            State::Landing | State::Stopped => Mode::Land,
-        };
         Order {
             setpoint: (self.state != State::Stopped).then_some(self.setpoint),
-            mode,
+            mode: self.mode(),
         }
     }
 
@@ -248,6 +395,10 @@ impl Supervisor {
             }
             State::Landing if spent_s >= self.limits.landing_s => {
                 self.enter(State::Stopped, EventKind::Stopped);
+            }
+            State::Climbing if spent_s >= self.limits.climb_s => {
+                let limit_s = self.limits.climb_s;
+                self.abort(Reason::NotAirborne { limit_s });
             }
             _ => (),
         }
@@ -275,7 +426,10 @@ impl Supervisor {
 
     /// The room and the arm's reach, for the poses that are believed.
     fn check_place(&mut self, quadrotor: Option<Pose>, end_effector: Option<[f64; 3]>, length_m: f64) {
-        let room = self.limits.room;
+        let room = match self.state {
+            State::Standing | State::Climbing | State::Landing => self.limits.room.without_floor(),
+            _ => self.limits.room,
+        };
         if !(length_m.is_finite() && length_m > 0.0) {
             self.abort(Reason::ArmLength { length_m });
         }
@@ -379,6 +533,11 @@ impl Supervisor {
             kind,
         });
     }
+}
+
+/// Whether the vehicle is not ours to command any more.
+fn is_out_of_our_hands(reason: Reason) -> bool {
+    matches!(reason, Reason::Fault(Fault::TakenOver | Fault::Disarmed))
 }
 
 fn is_possible(pose: &Pose) -> bool {

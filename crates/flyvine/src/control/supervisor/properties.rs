@@ -116,6 +116,7 @@ const LIMITS: Limits = Limits {
     hold_s: 0.5,
     autopilot_hold_s: 0.5,
     landing_s: 0.5,
+    climb_s: 0.5,
 };
 
 proptest! {
@@ -145,15 +146,24 @@ proptest! {
                 end_effector: positions[1],
             };
             let was_aborted = supervisor.reason().is_some();
-            let credible = supervisor.observe(told_s, &observation, ARM);
             if events.autopilot_heard {
-                supervisor.heard_autopilot();
                 heard_s[0] = now_s;
             }
             if events.arm_heard {
-                supervisor.heard_arm();
                 heard_s[1] = now_s;
             }
+            supervisor.hear(&Health {
+                now_s: told_s,
+                captured: Captured { quadrotor_s: now_s, end_effector_s: now_s },
+                autopilot_heard_s: heard_s[0],
+                arm_heard_s: Some(heard_s[1]),
+                missed_ticks: 0,
+                armed: true,
+                standing: false,
+                mode: None,
+                fault: None,
+            });
+            let credible = supervisor.observe(told_s, &observation, ARM);
             let order = supervisor.decide(told_s, events.proposal);
             let aborted = supervisor.reason().is_some();
 
@@ -172,7 +182,7 @@ proptest! {
             }
             // States are passed in one direction only once the flight is over.
             let new_rank = match supervisor.state() {
-                State::Flying | State::Coasting => 0,
+                State::Standing | State::Climbing | State::Flying | State::Coasting => 0,
                 State::Holding => 1,
                 State::AutopilotHold => 2,
                 State::Landing => 3,

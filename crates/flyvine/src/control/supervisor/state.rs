@@ -2,9 +2,15 @@
 
 use std::fmt;
 
+use crate::link::Mode;
+
 /// Where the flight stands.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum State {
+    /// On the ground, not armed; the start position streams.
+    Standing,
+    /// On the way from the ground to the start.
+    Climbing,
     /// Under control of the controller.
     Flying,
     /// Under control of the controller, which lacks a fresh pose.
@@ -13,7 +19,7 @@ pub enum State {
     Holding,
     /// Ended: the autopilot shall hold by itself.
     AutopilotHold,
-    /// Ended: the autopilot shall land.
+    /// The autopilot shall land: the flight is over, in good order or not.
     Landing,
     /// Ended: nothing is sent any more.
     Stopped,
@@ -22,6 +28,8 @@ pub enum State {
 impl fmt::Display for State {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            Self::Standing => "standing",
+            Self::Climbing => "climbing",
             Self::Flying => "flying",
             Self::Coasting => "coasting",
             Self::Holding => "holding",
@@ -30,17 +38,6 @@ impl fmt::Display for State {
             Self::Stopped => "stopped",
         })
     }
-}
-
-/// The autopilot mode that goes with a set-point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Follow the set-points.
-    Offboard,
-    /// Hold position.
-    Hold,
-    /// Land.
-    Land,
 }
 
 /// What may leave the machine at this tick.
@@ -58,8 +55,8 @@ pub struct Order {
 pub struct Start {
     /// Time, s.
     pub t_s: f64,
-    /// Quadrotor position, m; it must be in the room.
+    /// Quadrotor position, m; it must be in the room, or below it if the vehicle stands on the ground.
     pub quadrotor: [f64; 3],
-    /// End-effector position, m; it must be in the room.
+    /// End-effector position, m; likewise.
     pub end_effector: [f64; 3],
 }

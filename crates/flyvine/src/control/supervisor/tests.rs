@@ -51,8 +51,36 @@ impl Flight {
         (credible, order)
     }
 
+    /// The wires at this tick: how long autopilot and arm have been silent, s.
+    fn hear(&mut self, autopilot_s: f64, arm_s: f64) {
+        let now_s = self.now();
+        self.supervisor.hear(&Health {
+            autopilot_heard_s: now_s - autopilot_s,
+            arm_heard_s: Some(now_s - arm_s),
+            ..healthy(now_s)
+        });
+    }
+
     fn good(&mut self) -> Order {
         self.tick_with(self.seen(), HOVER).1
+    }
+}
+
+/// Wires on which all is well, in a mode that nobody has asked for yet.
+fn healthy(now_s: f64) -> Health {
+    Health {
+        now_s,
+        captured: Captured {
+            quadrotor_s: now_s,
+            end_effector_s: now_s,
+        },
+        autopilot_heard_s: now_s,
+        arm_heard_s: Some(now_s),
+        missed_ticks: 0,
+        armed: true,
+        standing: false,
+        mode: None,
+        fault: None,
     }
 }
 
@@ -359,17 +387,17 @@ fn silence_of_the_autopilot_or_the_arm_is_an_abort_where_they_are_heard() {
     for arm_is_silent in [false, true] {
         let mut flight = Flight::new(limits);
         for _ in 0..20 {
-            flight.supervisor.heard_autopilot();
-            flight.supervisor.heard_arm();
+            flight.hear(0.0, 0.0);
             flight.good();
         }
         assert_eq!(flight.supervisor.reason(), None);
         let mut ticks = 0;
         while flight.supervisor.reason().is_none() {
+            let silence_s = (ticks + 1) as f64 * DT;
             if arm_is_silent {
-                flight.supervisor.heard_autopilot();
+                flight.hear(0.0, silence_s);
             } else {
-                flight.supervisor.heard_arm();
+                flight.hear(silence_s, 0.0);
             }
             flight.good();
             ticks += 1;
@@ -432,4 +460,85 @@ fn a_landing_that_is_over_stops_the_stream() {
     }
     flight.supervisor.landed();
     assert_eq!(flight.good().setpoint, None);
+}
+
+#[test]
+fn the_age_of_a_pose_is_that_of_its_capture() {
+    let mut flight = after(10, Limits::default());
+    // A pose that arrives 150 ms late is no fresh pose, however often it arrives.
+    for (ticks, expected) in [(1, State::Coasting), (3, State::Coasting), (7, State::Holding)] {
+        let mut flight = Flight {
+            supervisor: flight.supervisor.clone(),
+            ..flight
+        };
+        let captured_s = flight.now() - 0.15;
+        for _ in 0..ticks {
+            let now_s = flight.now();
+            flight.supervisor.hear(&Health {
+                captured: Captured {
+                    quadrotor_s: captured_s,
+                    end_effector_s: now_s,
+                },
+                ..healthy(now_s)
+            });
+            flight.good();
+        }
+        assert_eq!(flight.supervisor.state(), expected, "{ticks} ticks");
+    }
+    flight.hear(0.0, 0.0);
+    flight.good();
+    assert_eq!(flight.supervisor.state(), State::Flying);
+}
+
+#[test]
+fn somebody_elses_hand_on_the_vehicle_stops_everything() {
+    let in_mode = |flight: &mut Flight, armed: bool, mode: Option<Mode>| {
+        let now_s = flight.now();
+        flight.supervisor.hear(&Health {
+            armed,
+            mode,
+            ..healthy(now_s)
+        });
+        flight.good()
+    };
+    for (armed, mode, fault) in [
+        (true, None, Fault::TakenOver),
+        (true, Some(Mode::Land), Fault::TakenOver),
+        (false, Some(Mode::Offboard), Fault::Disarmed),
+    ] {
+        let mut flight = after(10, Limits::default());
+        // A mode that was not confirmed yet is not one that was left.
+        in_mode(&mut flight, true, None);
+        in_mode(&mut flight, true, Some(Mode::Offboard));
+        assert_eq!(flight.supervisor.state(), State::Flying);
+        assert_eq!(in_mode(&mut flight, armed, mode).setpoint, None);
+        assert_eq!(flight.supervisor.reason(), Some(Reason::Fault(fault)));
+    }
+}
+
+#[test]
+fn below_the_room_an_abort_lands_and_on_the_ground_it_stops() {
+    let on_the_ground = Start {
+        t_s: 0.0,
+        quadrotor: [0.0, 0.0, 0.3],
+        end_effector: [0.0, 0.0, 0.05],
+    };
+    assert!(Supervisor::new(Limits::default(), on_the_ground).is_err());
+    let mut standing = Supervisor::standing(Limits::default(), on_the_ground).unwrap();
+    let order = standing.decide(0.0, Proposal::Command([0.0, 0.0, 1.5]));
+    assert_eq!(
+        (order.mode, order.setpoint),
+        (Mode::Standby, Some([0.0, 0.0, 1.5]))
+    );
+    let mut climbing = standing.clone();
+    climbing.take_off();
+    assert_eq!(climbing.decide(0.1, HOVER).mode, Mode::Offboard);
+    for (supervisor, state) in [(&mut standing, State::Stopped), (&mut climbing, State::Landing)] {
+        supervisor.abort(Reason::Operator);
+        assert_eq!(supervisor.state(), state);
+    }
+    let mut slow = Supervisor::standing(Limits::default(), on_the_ground).unwrap();
+    slow.take_off();
+    slow.advance(Limits::default().climb_s);
+    assert!(matches!(slow.reason(), Some(Reason::NotAirborne { .. })));
 }

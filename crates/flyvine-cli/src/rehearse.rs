@@ -1,0 +1,376 @@
+//! `flyvine rehearse`: a plan in real time over sockets, with the simulated vehicle at their other end.
+
+use std::io::{BufRead, BufReader};
+use std::net::{SocketAddr, UdpSocket};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use clap::Args;
+use flyvine::control::End;
+use flyvine::flight::read_flight;
+use flyvine::report::Score;
+use flyvine::sim::{SimulatedVehicle, VehicleParameters};
+use flyvine::task::{Plan, PlanOptions, Task, make_plan, read_plan, write_plan};
+use flyvine_link::autopilot::TickReport;
+use flyvine_link::rehearsal::{FaultKind, wired_limits};
+use rustix::process::{Pid, Signal, kill_process};
+use serde::Serialize;
+
+use crate::console::{centimetres, print, print_json, say, table};
+use crate::convert::extension;
+use crate::fit::write_json;
+use crate::flights::read_bank;
+use crate::fly::{Flying, fly_plan};
+use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
+use crate::rehearse_vehicle::read_script;
+use crate::score::score_flight;
+
+/// EE error over sockets may differ from that in lockstep by this share.
+const ERROR_BAR: f64 = 0.1;
+/// The 99.9th percentile of the set-points' jitter, ms.
+const JITTER_BAR_MS: f64 = 5.0;
+/// Time that a flight may take beyond its plan: checklist, take-off, abort ladder, landing.
+const AROUND_THE_PLAN: Duration = Duration::from_secs(120);
+
+/// Rehearse a plan in real time: the simulated vehicle (physics, a PX4 with its refusals and failsafes, motion capture, the
+/// arm) and the base station as separate processes that know each other only by their sockets on loopback.
+///
+/// The flight is scored and compared with the same plan flown in lockstep. A script makes things go wrong (mocap stale,
+/// frozen, jumping, swapped or NaN, link lost or reordering, autopilot rebooting, arm silent, processes killed, …):
+///
+///   [[fault]]
+///   kind = "mocap-frozen"      # also: link-loss, autopilot-reboot, arm-silent, base-killed, vehicle-killed, …
+///   phase = "flight"           # pre-arm, take-off, flight, land
+///   after_s = 3.0              # duration_s = … ends it again
+///
+///   flyvine rehearse plan.json --out run-rehearsal
+///   flyvine rehearse examples/tasks/swing_ES.toml --bank bank.json --fault frozen.toml --out run-frozen
+///
+/// Beside other programs that compute, ticks are kept by real-time scheduling: chrt --rr 10 flyvine rehearse …
+///
+/// Exit code 3 if the flight was aborted or misses a bar.
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct RehearseArguments {
+    /// A plan, or a task to be planned on --bank.
+    #[arg(value_name = "TASK.toml|PLAN.json")]
+    task: PathBuf,
+    /// The models to plan a task on.
+    #[arg(long, value_name = "BANK.json")]
+    bank: Option<PathBuf>,
+    /// What goes wrong, and when.
+    #[arg(long, value_name = "SCRIPT.toml")]
+    fault: Option<PathBuf>,
+    /// Run folder to write; it must not exist or be empty.
+    #[arg(long, value_name = "DIR", default_value = "run-rehearsal")]
+    out: PathBuf,
+    /// Seed of the vehicle's noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a rehearsal showed; `rehearsal.json` of the run folder.
+#[derive(Serialize)]
+struct Rehearsal {
+    /// Score over the sockets; none if the base station left no recording.
+    over_sockets: Option<Score>,
+    /// Score in lockstep.
+    in_process: Score,
+    /// Mean EE error to the reference, over sockets by in lockstep, minus 1.
+    error_difference: Option<f64>,
+    /// How the ticks were kept.
+    ticks: Option<TickReport>,
+    /// Exit code of the base station; none if it was killed.
+    base_exit_code: Option<i32>,
+}
+
+/// Runs `flyvine rehearse`.
+pub fn run(arguments: &RehearseArguments) -> CommandResult {
+    let folder = arguments.out.as_path();
+    if folder.exists() && std::fs::read_dir(folder).or_input()?.next().is_some() {
+        return bad_input(format!(
+            "--out {}: the folder is not empty; nothing is overwritten",
+            folder.display()
+        ));
+    }
+    if let Some(path) = &arguments.fault {
+        read_script(path)?;
+    }
+    let plan = plan(arguments)?;
+    std::fs::create_dir_all(folder).or_internal()?;
+    write_plan(&folder.join("plan.json"), &plan).or_internal()?;
+    if let Some(path) = &arguments.fault {
+        std::fs::copy(path, folder.join("fault.toml")).or_internal()?;
+    }
+
+    let in_process = fly_in_process(folder, &plan, arguments.seed)?;
+    let base_exit_code = fly_over_sockets(folder, &plan, arguments)?;
+    let recording = folder.join("flight.csv");
+    let over_sockets = match recording.exists() {
+        true => Some(score_flight(&plan, &read_flight(&recording).or_internal()?)?),
+        false => None,
+    };
+    let rehearsal = Rehearsal {
+        error_difference: over_sockets
+            .as_ref()
+            .map(|score| score.ee_vs_reference.mean_m / in_process.ee_vs_reference.mean_m - 1.0),
+        ticks: read_ticks(&folder.join("ticks.json"))?,
+        over_sockets,
+        in_process,
+        base_exit_code,
+    };
+    write_json(&folder.join("rehearsal.json"), &rehearsal)?;
+    if arguments.json {
+        print_json(&rehearsal)?;
+    } else {
+        print(&describe(&rehearsal))?;
+    }
+    say(&format!("wrote {}", folder.display()));
+    Ok(judge(&rehearsal))
+}
+
+fn plan(arguments: &RehearseArguments) -> Result<Plan, Failure> {
+    if extension(&arguments.task) == "json" {
+        return read_plan(&arguments.task).or_input();
+    }
+    let Some(bank) = &arguments.bank else {
+        return bad_input(format!(
+            "{}: a task needs --bank BANK.json to be planned on; a plan ends in .json",
+            arguments.task.display()
+        ));
+    };
+    let task = Task::read(&arguments.task).or_input()?;
+    say(&format!("planning {} …", task.name));
+    make_plan(&task, &read_bank(bank, false)?, &PlanOptions::default()).or_input()
+}
+
+fn fly_in_process(folder: &Path, plan: &Plan, seed: u64) -> Result<Score, Failure> {
+    let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+    let outcome = fly_plan(
+        plan,
+        &Flying::default(),
+        flyvine::control::supervisor::Limits {
+            autopilot_silence_s: None,
+            arm_silence_s: None,
+            ..wired_limits()
+        },
+        &mut vehicle,
+        seed,
+        &mut |_, _| ControlFlow::Continue(()),
+    )?;
+    if let End::Aborted { t_s, cause } = &outcome.end {
+        say(&format!(
+            "warning: the flight in lockstep was aborted at {t_s:.2} s: {cause}"
+        ));
+    }
+    flyvine::flight::write_flight(&folder.join("flight_in_process.csv"), &outcome.flight).or_internal()?;
+    score_flight(plan, &outcome.flight)
+}
+
+/// Starts both processes, waits for the base station, and gives its exit code.
+fn fly_over_sockets(
+    folder: &Path,
+    plan: &Plan,
+    arguments: &RehearseArguments,
+) -> Result<Option<i32>, Failure> {
+    let flyvine = std::env::current_exe().or_internal()?;
+    let [autopilot, poses, arm] = free_ports().context("no free ports on loopback").or_internal()?;
+    let configuration = plan.configurations[0];
+    let mut vehicle = Command::new(&flyvine);
+    vehicle
+        .arg("rehearse-vehicle")
+        .args(["--autopilot", &autopilot.to_string()])
+        .args(["--poses", &poses.to_string()])
+        .args(["--arm", &arm.to_string()])
+        .args(["--length-m", &configuration.length_m.to_string()])
+        .args(["--pressure-kpa", &configuration.pressure_kpa.to_string()])
+        .args(["--seed", &arguments.seed.to_string()])
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped());
+    if arguments.fault.is_some() {
+        vehicle.arg("--fault").arg(folder.join("fault.toml"));
+    }
+    let mut base = Command::new(&flyvine);
+    base.arg("fly")
+        .arg(folder.join("plan.json"))
+        .arg("--vehicle")
+        .arg(format!("mavlink:udpin:{autopilot}"))
+        .args(["--mocap", &format!("loopback:{poses}")])
+        .args(["--arm", &format!("loopback:{arm}")])
+        .arg("--ticks")
+        .arg(folder.join("ticks.json"))
+        .arg("--journal")
+        .arg(folder.join("journal.csv"))
+        .arg("--out")
+        .arg(folder.join("flight.csv"))
+        .stdin(Stdio::null())
+        .stdout(std::fs::File::create(folder.join("checklist.txt")).or_internal()?);
+    let mut vehicle = Process::spawn("the vehicle's end", &mut vehicle)?;
+    let events = vehicle.lines();
+    let mut base = Process::spawn("the base station", &mut base)?;
+    let limit = AROUND_THE_PLAN + Duration::from_secs_f64(plan.knots() as f64 * flyvine::DT);
+    let code = watch(folder, &mut base, &events, limit)?;
+    if code.is_none() {
+        // Whether the vehicle comes down by itself is part of what there is to see.
+        std::thread::sleep(Duration::from_secs(5));
+        record_events(folder, &events)?;
+    }
+    Ok(code)
+}
+
+/// Waits for the base station, and kills it when the script says so.
+fn watch(
+    folder: &Path,
+    base: &mut Process,
+    events: &Receiver<String>,
+    limit: Duration,
+) -> Result<Option<i32>, Failure> {
+    let begun = Instant::now();
+    let killed = serde_json::to_string(&FaultKind::BaseKilled).or_internal()?;
+    loop {
+        if record_events(folder, events)?.contains(&killed) {
+            base.kill();
+        }
+        if let Some(status) = base.child.try_wait().or_internal()? {
+            return Ok(status.code());
+        }
+        if begun.elapsed() > limit {
+            say("the base station did not end in time: killed");
+            base.kill();
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Appends what the vehicle's end has said to vehicle.jsonl, and gives it.
+fn record_events(folder: &Path, events: &Receiver<String>) -> Result<String, Failure> {
+    use std::io::Write;
+    let lines: String = events.try_iter().map(|line| line + "\n").collect();
+    if !lines.is_empty() {
+        let mut file = std::fs::File::options()
+            .create(true)
+            .append(true)
+            .open(folder.join("vehicle.jsonl"))
+            .or_internal()?;
+        file.write_all(lines.as_bytes()).or_internal()?;
+    }
+    Ok(lines)
+}
+
+/// A child process that does not outlive its owner.
+struct Process {
+    child: Child,
+}
+
+impl Process {
+    fn spawn(what: &str, command: &mut Command) -> Result<Self, Failure> {
+        let child = command
+            .spawn()
+            .with_context(|| format!("cannot start {what}"))
+            .or_internal()?;
+        Ok(Self { child })
+    }
+
+    /// The lines of its stdout, as they come.
+    fn lines(&mut self) -> Receiver<String> {
+        let (sender, receiver) = channel();
+        if let Some(stdout) = self.child.stdout.take() {
+            std::thread::spawn(move || {
+                for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+                    if sender.send(line).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        receiver
+    }
+
+    fn kill(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if let Ok(None) = self.child.try_wait() {
+            let pid = Pid::from_child(&self.child);
+            let _ = kill_process(pid, Signal::TERM);
+            std::thread::sleep(Duration::from_millis(100));
+            self.kill();
+        }
+        let _ = self.child.wait();
+    }
+}
+
+/// Three UDP ports of loopback that nobody has.
+fn free_ports() -> std::io::Result<[SocketAddr; 3]> {
+    let sockets = [(); 3].map(|()| UdpSocket::bind("127.0.0.1:0"));
+    let mut ports = [SocketAddr::from(([127, 0, 0, 1], 0)); 3];
+    for (port, socket) in ports.iter_mut().zip(sockets) {
+        *port = socket?.local_addr()?;
+    }
+    Ok(ports)
+}
+
+fn read_ticks(path: &Path) -> Result<Option<TickReport>, Failure> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let contents = std::fs::read(path).or_internal()?;
+    serde_json::from_slice(&contents).map(Some).or_internal()
+}
+
+fn judge(rehearsal: &Rehearsal) -> Outcome {
+    let near = rehearsal
+        .error_difference
+        .is_some_and(|difference| difference.abs() <= ERROR_BAR);
+    let kept = rehearsal
+        .ticks
+        .as_ref()
+        .is_some_and(|ticks| ticks.missed == 0 && ticks.jitter_p999_ms <= JITTER_BAR_MS);
+    match near && kept && rehearsal.base_exit_code == Some(0) {
+        true => Outcome::Done,
+        false => Outcome::Untrusted,
+    }
+}
+
+fn describe(rehearsal: &Rehearsal) -> String {
+    let row = |name: &str, score: &Score| {
+        vec![
+            name.to_owned(),
+            centimetres(score.ee_vs_reference.mean_m),
+            centimetres(score.ee_vs_prediction.mean_m),
+            score.rows.to_string(),
+        ]
+    };
+    let mut rows = vec![row("in lockstep", &rehearsal.in_process)];
+    rows.extend(
+        rehearsal
+            .over_sockets
+            .as_ref()
+            .map(|score| row("over sockets", score)),
+    );
+    let mut text = table(
+        &["mean EE error, cm", "to reference", "to prediction", "rows"],
+        rows,
+    );
+    if let Some(difference) = rehearsal.error_difference {
+        text += &format!("\nover sockets: {:+.1} % (bar: 10 %)", 100.0 * difference);
+    }
+    if let Some(ticks) = &rehearsal.ticks {
+        text += &format!(
+            "\nset-points every {:.2} ms, 99.9 % within {:.2} ms of it (bar: {JITTER_BAR_MS} ms), {} ticks missed (bar: 0)",
+            ticks.period_ms, ticks.jitter_p999_ms, ticks.missed
+        );
+    }
+    text
+}
