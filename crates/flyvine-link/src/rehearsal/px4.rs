@@ -377,7 +377,7 @@ impl SimulatedPx4 {
             OFFBOARD if !self.streams_setpoints(now_s) => {
                 Some("Switch to Offboard denied: no offboard signal")
             }
-            LOITER | TAKE_OFF if !self.origin.is_some() => {
+            LOITER | TAKE_OFF if self.origin.is_none() => {
                 Some("Switching to Hold denied: no global position")
             }
             _ if mode != POSCTL && !self.has_position(now_s) => {
