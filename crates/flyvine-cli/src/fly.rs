@@ -6,16 +6,15 @@ use std::time::Duration;
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
-use flyvine::control::mpc::{ModelPredictive, MpcOptions};
+use flyvine::control::mpc::MpcOptions;
 use flyvine::control::supervisor::Limits;
-use flyvine::control::{
-    Controller, End, FlightOutcome, LapLearning, OpenLoop, Replanning, Tracking, Trajectory, fly,
-};
+use flyvine::control::{ControlLaw, End, FlightOutcome, Flying, LapLearning, fly_plan};
 use flyvine::flight::{ControlStep, StepStatus, read_control_steps, read_flight, write_controlled_flight};
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
 use flyvine::link::{RecordedVehicle, Vehicle};
+use flyvine::run::read_vehicle_file;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use flyvine::task::{Plan, read_plan};
+use flyvine::task::read_plan;
 
 use crate::console::{progress, say};
 use crate::convert::extension;
@@ -77,19 +76,15 @@ pub enum ControllerChoice {
     Replan,
 }
 
-/// How a plan is flown.
-#[derive(Default)]
-pub struct Flying {
-    /// The control law.
-    pub controller: ControllerChoice,
-    /// Settings of model-predictive control.
-    pub mpc: MpcOptions,
-    /// Time for one step of a controller that optimizes.
-    pub step_limit: Option<Duration>,
-    /// Reports of the recorded flight that is to be repeated.
-    pub recorded: Vec<ControlStep>,
-    /// Where the tip shall be, if not on the plan's own reference (m, per knot).
-    pub reference: Option<Vec<[f64; 3]>>,
+impl From<ControllerChoice> for ControlLaw {
+    fn from(choice: ControllerChoice) -> Self {
+        match choice {
+            ControllerChoice::OpenLoop => Self::OpenLoop,
+            ControllerChoice::Tracking => Self::Tracking,
+            ControllerChoice::Mpc => Self::Mpc,
+            ControllerChoice::Replan => Self::Replan,
+        }
+    }
 }
 
 /// Runs `flyvine fly`.
@@ -105,7 +100,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
         return bad_input("--laps: only `--controller mpc` learns from lap to lap".to_owned());
     }
     let mut flying = Flying {
-        controller: arguments.controller,
+        law: arguments.controller.into(),
         mpc: match &arguments.mpc_options {
             Some(path) => read_mpc_options(path)?,
             None => MpcOptions::default(),
@@ -132,7 +127,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
             ControlFlow::Continue(())
         });
         bar.finish_and_clear();
-        let outcome = outcome?;
+        let outcome = outcome.or_input()?;
         if let Err(error) = vehicle.close() {
             say(&format!(
                 "warning: the vehicle did not end in good order: {error}"
@@ -183,52 +178,6 @@ fn write_recording(path: &Path, outcome: &FlightOutcome) -> Result<(), Failure> 
 fn lap_path(out: &Path, lap: u64) -> PathBuf {
     let stem = out.file_stem().unwrap_or_default().to_string_lossy();
     out.with_file_name(format!("{stem}_lap_{lap}.{}", extension(out)))
-}
-
-/// Flies a plan with its task's command bounds.
-pub fn fly_plan(
-    plan: &Plan,
-    flying: &Flying,
-    limits: Limits,
-    vehicle: &mut dyn Vehicle,
-    seed: u64,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
-) -> Result<FlightOutcome, Failure> {
-    let bounds = plan.task.command_bounds();
-    let trajectory = Trajectory::new(
-        plan.commands.clone(),
-        plan.states.clone(),
-        plan.gains.clone(),
-        plan.configurations.clone(),
-        bounds.lower,
-        bounds.upper,
-    )
-    .or_input()?;
-    let model = plan.bank.scheduled(&plan.configurations).or_input()?;
-    let mut controller: Box<dyn Controller> = match flying.controller {
-        ControllerChoice::OpenLoop => Box::new(OpenLoop::new(&trajectory)),
-        ControllerChoice::Tracking => Box::new(Tracking::new(&trajectory, &model).or_input()?),
-        ControllerChoice::Mpc => {
-            let reference = flying.reference.as_ref().unwrap_or(&plan.reference);
-            let mut mpc =
-                ModelPredictive::new(&trajectory, &model, reference, &limits.room, &flying.mpc).or_input()?;
-            if let Some(limit) = flying.step_limit {
-                mpc = mpc.with_time_limit(limit);
-            }
-            Box::new(mpc.with_recorded_steps(&flying.recorded))
-        }
-        ControllerChoice::Replan => {
-            let problem = plan.problem().or_input()?;
-            let mut replanning = Replanning::new(&trajectory, &model, problem).or_input()?;
-            if let Some(limit) = flying.step_limit {
-                replanning = replanning.with_time_limit(limit);
-            }
-            Box::new(replanning)
-        }
-    };
-    let mut outcome = fly(&trajectory, controller.as_mut(), limits, vehicle, seed, progress).or_input()?;
-    outcome.flight.name.clone_from(&plan.task.name);
-    Ok(outcome)
 }
 
 /// Says times and outcomes of a controller that optimizes; nothing for others.
@@ -292,9 +241,7 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
             Limits::default(),
         ),
         Some(("sim", path)) => {
-            let (parameters, limits) = read_vehicle_file(path)
-                .map_err(|error| error.context(path.to_owned()))
-                .or_input()?;
+            let (parameters, limits) = read_vehicle_file(Path::new(path)).or_input()?;
             (Box::new(SimulatedVehicle::new(parameters).or_input()?), limits)
         }
         Some(("exec", command_line)) => {
@@ -318,16 +265,4 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
         }
     };
     Ok(OpenVehicle { vehicle, limits })
-}
-
-/// A vehicle's TOML: the simulated vehicle's parameters, and a table `[supervisor]` with its limits.
-fn read_vehicle_file(path: &str) -> anyhow::Result<(VehicleParameters, Limits)> {
-    let mut table: toml::Table = std::fs::read_to_string(path)?.parse()?;
-    let limits = match table.remove("supervisor") {
-        Some(limits) => limits
-            .try_into()
-            .map_err(|error: toml::de::Error| anyhow::anyhow!("supervisor: {error}"))?,
-        None => Limits::default(),
-    };
-    Ok((VehicleParameters::from_toml(&toml::to_string(&table)?)?, limits))
 }

@@ -13,13 +13,15 @@ mod fit_progress;
 mod flights;
 mod fly;
 mod learn;
+mod merge;
 mod outcome;
 mod physical_report;
 mod plan;
+mod query;
 mod report;
-mod run_folder;
 mod score;
 mod solve;
+mod sweep;
 
 use std::process::ExitCode;
 
@@ -57,6 +59,9 @@ enum Command {
     Excite(excite::ExciteArguments),
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
+    Sweep(sweep::SweepArguments),
+    Merge(merge::MergeArguments),
+    Query(query::QueryArguments),
     Solve(solve::SolveArguments),
     Bench(bench::BenchArguments),
     Convert(convert::ConvertArguments),
@@ -75,6 +80,9 @@ fn main() -> ExitCode {
         Command::Excite(arguments) => excite::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
+        Command::Sweep(arguments) => sweep::run(arguments),
+        Command::Merge(arguments) => merge::run(arguments),
+        Command::Query(arguments) => query::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),
