@@ -207,7 +207,7 @@ fn group_table(groups: &[Group]) -> String {
         ]
     });
     let header = [
-        "mean EE error, cm",
+        "EE error (swings: target miss), cm",
         "flights",
         "successes",
         "aborted",

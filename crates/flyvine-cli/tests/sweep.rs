@@ -236,7 +236,7 @@ fn a_row_is_what_fly_and_score_say() {
         .success();
     let score: serde_json::Value = serde_json::from_slice(&scored.get_output().stdout).unwrap();
     let worst = &summary["worst"][0];
-    assert_eq!(worst["error_m"], score["ee_vs_reference"]["mean_m"]);
+    assert_eq!(worst["error_m"], score["target_miss_m"]);
 
     // Its replay is a run of its own, with the same flight.
     let key = &worst["key"].as_str().unwrap()[..8];

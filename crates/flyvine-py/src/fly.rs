@@ -181,18 +181,11 @@ fn fly_python(
         };
         let outcome = match &mut law {
             Law::Known(flying) => fly_plan(&plan.0, flying, own_limits, vehicle, seed, &mut progress),
-            Law::Own(controller) => trajectory(&plan.0)
-                .map_err(FlyingError::from)
-                .and_then(|trajectory| {
-                    Ok(fly(
-                        &trajectory,
-                        controller,
-                        own_limits,
-                        vehicle,
-                        seed,
-                        &mut progress,
-                    )?)
-                }),
+            Law::Own(controller) => trajectory(&plan.0).map_err(FlyingError::from).and_then(|flown| {
+                let mut outcome = fly(&flown, controller, own_limits, vehicle, seed, &mut progress)?;
+                outcome.flight.name.clone_from(&plan.0.task.name);
+                Ok(outcome)
+            }),
         };
         // What a vehicle says when it is put away changes nothing about its flight.
         let _ = vehicle.close();

@@ -131,7 +131,7 @@ def test_what_cannot_be_flown_is_refused_in_words(swing, lemniscate):
     with pytest.raises(flyvine.TaskError, match="exactly one"):
         flyvine.Task.parse(LEMNISCATE.split("[lemniscate]")[0])
     controller = flyvine.Controller(swing)
-    with pytest.raises(flyvine.FlyvineError, match="quadrotor: found nan"):
+    with pytest.raises(flyvine.FlyvineError, match="quadrotor: found NaN"):
         controller.step(0, [np.nan] * 7, [0, 0, 0.8], [0, 0, 1.5])
     with pytest.raises(flyvine.FlyvineError, match="end_effector: found 2 numbers, expected 3"):
         controller.step(0, None, [0, 0], [0, 0, 1.5])

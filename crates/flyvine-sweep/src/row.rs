@@ -78,25 +78,27 @@ impl RowResult {
         }
     }
 
-    /// Mean end-effector error against the reference, m; infinite for a flight that was not flown to the end.
+    /// What its flight is judged by, m: a swing's miss of the target, otherwise the mean end-effector error against the
+    /// reference; infinite for a flight that was not flown to the end.
     pub fn error_m(&self) -> f64 {
         match (&self.score, self.status) {
-            (Some(score), RowStatus::Completed) => score.ee_vs_reference.mean_m,
+            (Some(score), RowStatus::Completed) => {
+                score.target_miss_m.unwrap_or(score.ee_vs_reference.mean_m)
+            }
             _ => f64::INFINITY,
         }
     }
 
     /// Whether it is a success.
     pub fn succeeded(&self, success: &Success) -> bool {
-        let miss_m = self
-            .score
-            .as_ref()
+        let score = self.score.as_ref();
+        let mean_m = score.map_or(f64::INFINITY, |score| score.ee_vs_reference.mean_m);
+        let miss_m = score
             .and_then(|score| score.target_miss_m)
             .unwrap_or(f64::INFINITY);
+        let within = |value: f64, greatest: Option<f64>| greatest.is_none_or(|greatest| value <= greatest);
         self.status == RowStatus::Completed
-            && success
-                .mean_error_m
-                .is_none_or(|greatest| self.error_m() <= greatest)
-            && success.target_miss_m.is_none_or(|greatest| miss_m <= greatest)
+            && within(mean_m, success.mean_error_m)
+            && within(miss_m, success.target_miss_m)
     }
 }

@@ -42,8 +42,7 @@ pub struct Group {
     pub aborted: usize,
     /// Rows in which nothing was flown.
     pub refused: usize,
-    /// Median over all flights of the mean end-effector error, m; `None` if it is that of a flight that did not end
-    /// well.
+    /// Median over all flights of [`RowResult::error_m`]; `None` if it is that of a flight that did not end well.
     pub median_error_m: Option<f64>,
     /// 95th percentile, m; likewise.
     pub p95_error_m: Option<f64>,
@@ -68,7 +67,7 @@ pub struct WorstRow {
     pub status: RowStatus,
     /// Why it did not end well.
     pub cause: String,
-    /// Mean end-effector error, m, where it was flown to the end.
+    /// [`RowResult::error_m`], where it was flown to the end.
     pub error_m: Option<f64>,
 }
 
