@@ -5,10 +5,8 @@ use std::rc::Rc;
 
 use flyvine::flight::Configuration;
 use flyvine::link::{Observation, Vehicle, VehicleError};
+use flyvine::run::ArmShapes;
 use flyvine::sim::SimulatedVehicle;
-
-/// Arm nodes of each row, quadrotor end first, m.
-pub type ArmShapes = Vec<Vec<[f64; 3]>>;
 
 /// The built-in vehicle, watched: motion capture sees only the arm's end, the simulation knows the rest.
 pub struct WatchedVehicle {

@@ -64,6 +64,14 @@ pub fn progress(length: u64, what: &str) -> ProgressBar {
     bar
 }
 
+/// The style of a bar that says when it will be done.
+pub fn eta_style() -> ProgressStyle {
+    let style = ProgressStyle::with_template(
+        "{prefix:>12} [{bar:32}] {pos}/{len}  {elapsed}, {per_sec}, done in {eta}",
+    );
+    style.expect("the template is valid").progress_chars("=> ")
+}
+
 /// CPU time of this process, ms.
 pub fn process_cpu_ms() -> f64 {
     let time = clock_gettime(ClockId::ProcessCPUTime);

@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use flyvine::control::supervisor::{Limits, Room};
-use flyvine::control::{End, OpenLoop, Trajectory, fly};
+use flyvine::control::{End, Flying, OpenLoop, Trajectory, fly, fly_plan};
 use flyvine::flight::{Corner, Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{Bank, FamilyOptions, FitOptions, check, rest_state};
 use flyvine::report::paper::{PublishedError, published_error};
 use flyvine::report::{Experiment, ExperimentKind, Results, RunSummary, Score};
+use flyvine::run::{experiment_folder, read_results, write_experiment, write_report};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, PlanOptions, Task, TrainingFlight, make_plan, test_flight, training_flights};
 use indicatif::ProgressBar;
@@ -21,9 +22,8 @@ use crate::check::check_table;
 use crate::console::{centimetres, print, progress, say, table};
 use crate::fit::{FamilyChoice, say_outcome, write_json};
 use crate::fit_progress;
-use crate::fly::{Flying, fly_plan};
+use crate::flights::say_findings;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
-use crate::run_folder::{experiment_folder, read_results, write_experiment, write_report};
 
 /// The tasks of the paper, as shipped in examples/tasks.
 const TASKS: [&str; 13] = [
@@ -83,7 +83,7 @@ pub fn run(arguments: &DemoArguments) -> CommandResult {
     };
     write_json(&folder.join("run.json"), &summary)?;
     say("writing the report …");
-    let results = read_results(folder)?;
+    let results = read_results(folder, &mut say_findings).or_internal()?;
     for experiment in &results.experiments {
         if let Some(score) = &experiment.score {
             write_json(
@@ -92,7 +92,7 @@ pub fn run(arguments: &DemoArguments) -> CommandResult {
             )?;
         }
     }
-    let page = write_report(folder, &results)?;
+    let page = write_report(folder, &results).or_internal()?;
     print(&score_table(&results))?;
     print(&format!("report: {}", page.display()))?;
     let flown = |score: &Score| score.knots_not_flown == 0;
@@ -235,9 +235,10 @@ fn fly_plans(folder: &Path, plans: &[Plan], seed: u64) -> Result<(), Failure> {
             &mut vehicle,
             seed,
             &mut |_, _| ControlFlow::Continue(()),
-        )?;
+        )
+        .or_internal()?;
         let arm = vehicle.into_shapes(outcome.flight.samples.len());
-        write_experiment(folder, plan, &outcome.flight, &arm)?;
+        write_experiment(folder, plan, &outcome.flight, &arm).or_internal()?;
         if let End::Aborted { t_s, cause } = outcome.end {
             say(&format!(
                 "warning: {} was aborted at {t_s:.2} s: {cause}",

@@ -2,8 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use flyvine::flight::{Configuration, Corner, Flight, HygieneOptions, HygieneReport, clean, read_flight};
+use flyvine::flight::{Flight, HygieneOptions, HygieneReport, clean, read_flight};
 use flyvine::model::{Bank, Extrapolation};
+
+pub use flyvine::run::configuration_label;
 
 use crate::console::say;
 use crate::outcome::{Blame, Failure};
@@ -20,10 +22,15 @@ pub fn load_flights(paths: &[PathBuf]) -> Result<Vec<Flight>, Failure> {
 pub fn load_flight(path: &Path) -> Result<(Flight, HygieneReport), Failure> {
     let mut flight = read_flight(path).or_input()?;
     let report = clean(&mut flight, &HygieneOptions::default());
+    say_findings(path, &report);
+    Ok((flight, report))
+}
+
+/// Says what hygiene found in a flight.
+pub fn say_findings(path: &Path, report: &HygieneReport) {
     if !report.findings.is_empty() {
         say(&format!("{}:\n{report}", path.display()));
     }
-    Ok((flight, report))
 }
 
 /// Reads a bank; outside the configurations that were flown it answers only if `extrapolate` says so.
@@ -34,16 +41,4 @@ pub fn read_bank(path: &Path, extrapolate: bool) -> Result<Bank, Failure> {
         Extrapolation::Refuse
     };
     Ok(Bank::read(path).or_input()?.with_extrapolation(extrapolation))
-}
-
-/// `ES`, `IS`, `EL`, `IL` at the paper's corners, otherwise length and pressure; an arrow where it changes.
-pub fn configuration_label(first: Configuration, last: Option<Configuration>) -> String {
-    let one = |configuration: Configuration| match Corner::from_configuration(configuration) {
-        Some(corner) => corner.label().to_owned(),
-        None => format!(
-            "{:.3} m {:.2} kPa",
-            configuration.length_m, configuration.pressure_kpa
-        ),
-    };
-    last.map_or_else(|| one(first), |last| format!("{} → {}", one(first), one(last)))
 }

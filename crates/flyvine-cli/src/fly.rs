@@ -7,15 +7,15 @@ use std::time::Duration;
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
-use flyvine::control::mpc::{ModelPredictive, MpcOptions};
+use flyvine::control::mpc::MpcOptions;
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{
-    Controller, End, FlightOutcome, FlownRow, LapLearning, OpenLoop, Replanning, Tracking, Trajectory,
-    fly_watched,
+    ControlLaw, Controller, End, FlightOutcome, Flying, LapLearning, Trajectory, controller, fly_plan_watched,
 };
 use flyvine::flight::{ControlStep, StepStatus, read_control_steps, read_flight, write_controlled_flight};
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
 use flyvine::link::{RecordedVehicle, Vehicle};
+use flyvine::run::read_vehicle_file;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, read_plan};
 
@@ -92,19 +92,15 @@ pub enum ControllerChoice {
     Replan,
 }
 
-/// How a plan is flown.
-#[derive(Default)]
-pub struct Flying {
-    /// The control law.
-    pub controller: ControllerChoice,
-    /// Settings of model-predictive control.
-    pub mpc: MpcOptions,
-    /// Time for one step of a controller that optimizes.
-    pub step_limit: Option<Duration>,
-    /// Reports of the recorded flight that is to be repeated.
-    pub recorded: Vec<ControlStep>,
-    /// Where the tip shall be, if not on the plan's own reference (m, per knot).
-    pub reference: Option<Vec<[f64; 3]>>,
+impl From<ControllerChoice> for ControlLaw {
+    fn from(choice: ControllerChoice) -> Self {
+        match choice {
+            ControllerChoice::OpenLoop => Self::OpenLoop,
+            ControllerChoice::Tracking => Self::Tracking,
+            ControllerChoice::Mpc => Self::Mpc,
+            ControllerChoice::Replan => Self::Replan,
+        }
+    }
 }
 
 /// Runs `flyvine fly`.
@@ -123,7 +119,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
         return bad_input("--live, --foxglove: expected a single lap".to_owned());
     }
     let mut flying = Flying {
-        controller: arguments.controller,
+        law: arguments.controller.into(),
         mpc: match &arguments.mpc_options {
             Some(path) => read_mpc_options(path)?,
             None => MpcOptions::default(),
@@ -223,7 +219,7 @@ fn fly_and_show(
         },
     );
     bar.finish_and_clear();
-    let outcome = outcome?;
+    let outcome = outcome.or_input()?;
     if let Some(session) = session.into_inner() {
         match &outcome.end {
             End::Completed => session.finish("flown to the end", true),
@@ -264,35 +260,6 @@ fn lap_path(out: &Path, lap: u64) -> PathBuf {
     out.with_file_name(format!("{stem}_lap_{lap}.{}", extension(out)))
 }
 
-/// Flies a plan with its task's command bounds.
-pub fn fly_plan(
-    plan: &Plan,
-    flying: &Flying,
-    limits: Limits,
-    vehicle: &mut dyn Vehicle,
-    seed: u64,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
-) -> Result<FlightOutcome, Failure> {
-    fly_plan_watched(plan, flying, limits, vehicle, seed, progress, &mut |_| ())
-}
-
-/// [`fly_plan`], with `watch` told of every row.
-pub fn fly_plan_watched(
-    plan: &Plan,
-    flying: &Flying,
-    limits: Limits,
-    vehicle: &mut dyn Vehicle,
-    seed: u64,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
-    watch: &mut dyn FnMut(&FlownRow),
-) -> Result<FlightOutcome, Failure> {
-    let mut outcome = with_controller(plan, flying, &limits, |trajectory, controller| {
-        fly_watched(trajectory, controller, limits, vehicle, seed, progress, watch).or_input()
-    })??;
-    outcome.flight.name.clone_from(&plan.task.name);
-    Ok(outcome)
-}
-
 /// Calls `flight` with a plan's trajectory, in its task's command bounds, and the controller that was chosen for it.
 pub fn with_controller<R>(
     plan: &Plan,
@@ -302,29 +269,7 @@ pub fn with_controller<R>(
 ) -> Result<R, Failure> {
     let trajectory = Trajectory::of_plan(plan).or_input()?;
     let model = plan.bank.scheduled(&plan.configurations).or_input()?;
-    let mut controller: Box<dyn Controller + Send> = match flying.controller {
-        ControllerChoice::OpenLoop => Box::new(OpenLoop::new(&trajectory)),
-        ControllerChoice::Tracking => Box::new(Tracking::new(&trajectory, &model).or_input()?),
-        ControllerChoice::Mpc => {
-            let reference = flying.reference.as_ref().unwrap_or(&plan.reference);
-            let mut mpc =
-                ModelPredictive::new(&trajectory, &model, reference, &limits.room, &flying.mpc).or_input()?;
-            if let Some(limit) = flying.step_limit {
-                mpc = mpc.with_time_limit(limit);
-            }
-            Box::new(mpc.with_recorded_steps(&flying.recorded))
-        }
-        ControllerChoice::Replan => {
-            let problem = plan.problem().or_input()?;
-            let mut replanning = Replanning::new(&trajectory, &model, problem)
-                .or_input()?
-                .with_command_change(plan.task.command_change);
-            if let Some(limit) = flying.step_limit {
-                replanning = replanning.with_time_limit(limit);
-            }
-            Box::new(replanning)
-        }
-    };
+    let mut controller = controller(plan, &trajectory, &model, flying, limits).or_input()?;
     Ok(flight(&trajectory, controller.as_mut()))
 }
 
@@ -393,9 +338,7 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
     let (vehicle, limits): (Box<dyn Vehicle>, Limits) = match name.split_once(':') {
         None if name == "sim" => (simulated(VehicleParameters::default())?, Limits::default()),
         Some(("sim", path)) => {
-            let (parameters, limits) = read_vehicle_file(path)
-                .map_err(|error| error.context(path.to_owned()))
-                .or_input()?;
+            let (parameters, limits) = read_vehicle_file(Path::new(path)).or_input()?;
             (simulated(parameters)?, limits)
         }
         Some(("exec", command_line)) => {
@@ -420,16 +363,4 @@ pub fn open_vehicle(name: &str) -> Result<OpenVehicle, Failure> {
         }
     };
     Ok(OpenVehicle { vehicle, limits, arm })
-}
-
-/// A vehicle's TOML: the simulated vehicle's parameters, and a table `[supervisor]` with its limits.
-fn read_vehicle_file(path: &str) -> anyhow::Result<(VehicleParameters, Limits)> {
-    let mut table: toml::Table = std::fs::read_to_string(path)?.parse()?;
-    let limits = match table.remove("supervisor") {
-        Some(limits) => limits
-            .try_into()
-            .map_err(|error: toml::de::Error| anyhow::anyhow!("supervisor: {error}"))?,
-        None => Limits::default(),
-    };
-    Ok((VehicleParameters::from_toml(&toml::to_string(&table)?)?, limits))
 }

@@ -20,8 +20,9 @@ use flyvine_link::autopilot::{
 use flyvine_link::rehearsal::{ArmClient, PoseListener};
 
 use crate::console::{print, say};
-use crate::fly::{Flying, with_controller};
+use crate::fly::with_controller;
 use crate::outcome::{Blame, Failure, Outcome, bad_input};
+use flyvine::control::Flying;
 
 /// What a flight on an autopilot needs beside the plan.
 #[derive(Args, Clone)]

@@ -4,21 +4,20 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use flyvine::control::End;
+use flyvine::control::{End, Flying, fly_plan};
 use flyvine::file::sha256_hex;
 use flyvine::flight::{Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::{Bank, InputFile, Learner, Lesson};
 use flyvine::report::Score;
+use flyvine::run::{experiment_folder, score_flight};
 use flyvine::task::{PlanOptions, Task, make_plan, write_plan};
 use serde::Serialize;
 
 use crate::console::{centimetres, print, print_json, say, table};
 use crate::fit::write_json;
 use crate::flights::load_flights;
-use crate::fly::{Flying, OpenVehicle, fly_plan, open_vehicle};
+use crate::fly::{OpenVehicle, open_vehicle};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
-use crate::run_folder::experiment_folder;
-use crate::score::score_flight;
 
 /// Learn a task by flying it: plan, fly open loop, refit the model to all data, plan again.
 ///
@@ -184,7 +183,8 @@ fn fly_round(
         vehicle.as_mut(),
         seed,
         &mut |_, _| ControlFlow::Continue(()),
-    )?;
+    )
+    .or_input()?;
     if let End::Aborted { t_s, cause } = &outcome.end {
         say(&format!("round {number}: flight aborted at {t_s:.2} s: {cause}"));
     }
@@ -199,7 +199,7 @@ fn fly_round(
     // Behind an abort the position was held for a while.
     flight.samples.truncate(plan.knots());
     clean(&mut flight, &HygieneOptions::default());
-    let score = score_flight(&plan, &flight)?;
+    let score = score_flight(&plan, &flight).or_input()?;
     write_json(&folder.join("score.json"), &score)?;
     let round = Round {
         converged: plan.solve.converged,

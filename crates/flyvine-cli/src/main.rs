@@ -16,18 +16,20 @@ mod fly;
 mod fly_autopilot;
 mod learn;
 mod man;
+mod merge;
 mod mocap;
 mod onboard;
 mod outcome;
 mod page;
 mod physical_report;
 mod plan;
+mod query;
 mod rehearse;
 mod rehearse_vehicle;
 mod report;
-mod run_folder;
 mod score;
 mod solve;
+mod sweep;
 mod view;
 
 use std::process::ExitCode;
@@ -69,6 +71,9 @@ enum Command {
     Excite(excite::ExciteArguments),
     Score(score::ScoreArguments),
     Report(report::ReportArguments),
+    Sweep(sweep::SweepArguments),
+    Merge(merge::MergeArguments),
+    Query(query::QueryArguments),
     Solve(solve::SolveArguments),
     Bench(bench::BenchArguments),
     Convert(convert::ConvertArguments),
@@ -94,6 +99,9 @@ fn main() -> ExitCode {
         Command::Excite(arguments) => excite::run(arguments),
         Command::Score(arguments) => score::run(arguments),
         Command::Report(arguments) => report::run(arguments),
+        Command::Sweep(arguments) => sweep::run(arguments),
+        Command::Merge(arguments) => merge::run(arguments),
+        Command::Query(arguments) => query::run(arguments),
         Command::Bench(arguments) => bench::run(arguments),
         Command::Solve(arguments) => solve::run(arguments),
         Command::Convert(arguments) => convert::run(arguments),

@@ -11,8 +11,10 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use clap::Args;
 use flyvine::control::End;
+use flyvine::control::{Flying, fly_plan};
 use flyvine::flight::read_flight;
 use flyvine::report::Score;
+use flyvine::run::score_flight;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, PlanOptions, Task, make_plan, read_plan, write_plan};
 use flyvine_link::autopilot::TickReport;
@@ -24,10 +26,8 @@ use crate::console::{centimetres, print, print_json, say, table};
 use crate::convert::extension;
 use crate::fit::write_json;
 use crate::flights::read_bank;
-use crate::fly::{Flying, fly_plan};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::rehearse_vehicle::read_script;
-use crate::score::score_flight;
 
 /// EE error over sockets may differ from that in lockstep by this share.
 const ERROR_BAR: f64 = 0.1;
@@ -114,7 +114,7 @@ pub fn run(arguments: &RehearseArguments) -> CommandResult {
     let base_exit_code = fly_over_sockets(folder, &plan, arguments)?;
     let recording = folder.join("flight.csv");
     let over_sockets = match recording.exists() {
-        true => Some(score_flight(&plan, &read_flight(&recording).or_internal()?)?),
+        true => Some(score_flight(&plan, &read_flight(&recording).or_internal()?).or_internal()?),
         false => None,
     };
     let rehearsal = Rehearsal {
@@ -164,14 +164,15 @@ fn fly_in_process(folder: &Path, plan: &Plan, seed: u64) -> Result<Score, Failur
         &mut vehicle,
         seed,
         &mut |_, _| ControlFlow::Continue(()),
-    )?;
+    )
+    .or_input()?;
     if let End::Aborted { t_s, cause } = &outcome.end {
         say(&format!(
             "warning: the flight in lockstep was aborted at {t_s:.2} s: {cause}"
         ));
     }
     flyvine::flight::write_flight(&folder.join("flight_in_process.csv"), &outcome.flight).or_internal()?;
-    score_flight(plan, &outcome.flight)
+    score_flight(plan, &outcome.flight).or_internal()
 }
 
 /// Starts both processes, waits for the base station, and gives its exit code.

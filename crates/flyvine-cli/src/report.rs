@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use flyvine::run::{read_results, write_report};
 
 use crate::console::{print, say};
-use crate::outcome::{CommandResult, Outcome};
-use crate::run_folder::{read_results, write_report};
+use crate::flights::say_findings;
+use crate::outcome::{Blame, CommandResult, Outcome};
 
 /// Make report.html (and figures/*.svg) from a run folder.
 ///
@@ -22,8 +23,8 @@ pub struct ReportArguments {
 /// Runs `flyvine report`.
 pub fn run(arguments: &ReportArguments) -> CommandResult {
     say(&format!("reading {} …", arguments.folder.display()));
-    let results = read_results(&arguments.folder)?;
-    let page = write_report(&arguments.folder, &results)?;
+    let results = read_results(&arguments.folder, &mut say_findings).or_input()?;
+    let page = write_report(&arguments.folder, &results).or_internal()?;
     print(&page.display().to_string())?;
     Ok(Outcome::Done)
 }

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use flyvine::flight::Flight;
-use flyvine::report::{DistanceStatistics, Score, SwingTarget, score};
-use flyvine::task::{Motion, Plan, read_plan};
+use flyvine::report::{DistanceStatistics, Score};
+use flyvine::run::score_flight;
+use flyvine::task::read_plan;
 
 use crate::console::{centimetres, print, print_json, say, table};
 use crate::flights::load_flight;
-use crate::outcome::{Blame, CommandResult, Failure, Outcome};
+use crate::outcome::{Blame, CommandResult, Outcome};
 
 /// Score a flight against its plan: mean, RMS and greatest 3-D distance of the measured end effector to the task's
 /// reference and to the model's prediction.
@@ -33,7 +33,7 @@ pub struct ScoreArguments {
 pub fn run(arguments: &ScoreArguments) -> CommandResult {
     let plan = read_plan(&arguments.plan).or_input()?;
     let (flight, _) = load_flight(&arguments.flight)?;
-    let score = score_flight(&plan, &flight)?;
+    let score = score_flight(&plan, &flight).or_input()?;
     if arguments.json {
         print_json(&score)?;
     } else {
@@ -56,28 +56,6 @@ pub fn run(arguments: &ScoreArguments) -> CommandResult {
         outcome = Outcome::Untrusted;
     }
     Ok(outcome)
-}
-
-/// Scores a flight of a plan.
-pub fn score_flight(plan: &Plan, flight: &Flight) -> Result<Score, Failure> {
-    score(
-        flight,
-        &plan.reference,
-        &plan.predicted_end_effector(),
-        swing_target(plan),
-    )
-    .or_input()
-}
-
-/// Where a swing's end effector must be, and when.
-pub fn swing_target(plan: &Plan) -> Option<SwingTarget> {
-    match plan.task.motion() {
-        Motion::Swing(swing) => Some(SwingTarget {
-            knot: swing.target_knot(),
-            position: swing.target_m,
-        }),
-        _ => None,
-    }
 }
 
 fn score_table(score: &Score) -> String {

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use flyvine::flight::read_control_steps;
+use flyvine::run::{flight_experiment, plan_experiment, read_experiment, read_experiments};
 use flyvine::task::{Plan, read_plan};
 
 use crate::console::{print, say};
-use crate::flights::load_flight;
+use crate::flights::{load_flight, say_findings};
 use crate::outcome::{Blame, CommandResult, Failure, bad_input};
 use crate::page::{PageFlight, PageServer, open_browser, page_content};
-use crate::run_folder::{flight_experiment, plan_experiment, read_experiment, read_experiments};
 
 /// Look at flights on a local page: 3-D replay of vehicle and arm, plots locked to it, plan against flight against the
 /// paper's measured curves, several flights compared.
@@ -73,7 +73,7 @@ fn read(path: &Path, plan: Option<&Plan>, several: bool) -> Result<Vec<PageFligh
     if !path.is_dir() {
         let (flight, _) = load_flight(path)?;
         let experiment = match plan {
-            Some(plan) => plan_experiment(plan, flight, Vec::new())?,
+            Some(plan) => plan_experiment(plan, flight, Vec::new()).or_input()?,
             None => flight_experiment(&name(path), flight),
         };
         return Ok(vec![PageFlight {
@@ -84,11 +84,14 @@ fn read(path: &Path, plan: Option<&Plan>, several: bool) -> Result<Vec<PageFligh
     }
     let (experiments, folder) = if path.join("plan.json").exists() {
         (
-            vec![read_experiment(path)?],
+            vec![read_experiment(path, &mut say_findings).or_input()?],
             path.parent().unwrap_or(path).to_owned(),
         )
     } else {
-        (read_experiments(path)?, path.join("experiments"))
+        (
+            read_experiments(path, &mut say_findings).or_input()?,
+            path.join("experiments"),
+        )
     };
     experiments
         .into_iter()

@@ -28,6 +28,7 @@ mod kernel;
 pub mod link;
 pub mod model;
 pub mod report;
+pub mod run;
 pub mod sim;
 pub mod task;
 pub mod trajopt;

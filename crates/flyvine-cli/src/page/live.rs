@@ -12,8 +12,8 @@ use super::content::{PageFlight, page_content};
 use super::foxglove;
 use super::server::{PageServer, open_browser};
 use crate::console::say;
-use crate::outcome::Failure;
-use crate::run_folder::plan_experiment;
+use crate::outcome::{Blame, Failure};
+use flyvine::run::plan_experiment;
 
 /// How long a flight waits for its page to open.
 const PAGE_PATIENCE: Duration = Duration::from_secs(20);
@@ -62,7 +62,7 @@ impl LiveArguments {
                 samples: Vec::new(),
             };
             let planned = PageFlight {
-                experiment: plan_experiment(plan, flight, Vec::new())?,
+                experiment: plan_experiment(plan, flight, Vec::new()).or_input()?,
                 steps: Vec::new(),
                 source: None,
             };

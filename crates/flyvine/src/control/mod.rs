@@ -10,6 +10,7 @@
 
 pub mod estimator;
 mod fly;
+mod flying;
 mod learning;
 pub mod mpc;
 mod open_loop;
@@ -19,6 +20,7 @@ mod tracking;
 mod trajectory;
 
 pub use fly::{AbortCause, End, FlightOutcome, FlownRow, fly, fly_watched};
+pub use flying::{ControlLaw, Flying, FlyingError, controller, fly_plan, fly_plan_watched};
 pub use learning::{Lap, LapLearning};
 pub use open_loop::OpenLoop;
 pub use replanning::{Replanning, ReplanningError};

@@ -18,6 +18,7 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
+pub use figures::{ErrorDistribution, SuccessMap, error_distributions, success_map};
 pub use figures::{Figure, figures};
 pub use html::{THREE, html};
 pub use replay::{ReplayTrack, replay_tracks};

@@ -11,9 +11,11 @@ mod pretzel;
 mod rollout;
 mod style;
 mod svg;
+mod sweep;
 mod swing;
 
 pub(super) use style::Palette;
+pub use sweep::{ErrorDistribution, SuccessMap, error_distributions, success_map};
 
 use super::paper::Signal;
 use super::results::{Experiment, ExperimentKind, Results};

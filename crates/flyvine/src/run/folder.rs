@@ -1,44 +1,44 @@
-//! A run: the folder with everything that one experiment used and made.
-//!
-//! ```text
-//! run.json                         title, vehicle, controller, seed
-//! training/*.csv, test/*.csv       recordings
-//! bank.json, check.json, hygiene.json
-//! experiments/NAME/plan.json, flight.csv, score.json; arm.json where the arm's shape is known
-//! report.html, figures/*.svg       made from the files above, and only from them
-//! ```
+//! Reading and writing a run folder.
 
 use std::path::{Path, PathBuf};
 
-use flyvine::flight::{Flight, HygieneReport, Sample, read_flight};
-use flyvine::model::{Bank, CheckReport};
-use flyvine::report::{
+use serde::de::DeserializeOwned;
+
+use super::{RunError, score_flight, swing_target};
+use crate::file::write_whole;
+use crate::flight::{
+    Configuration, Corner, Flight, HygieneOptions, HygieneReport, Sample, clean, read_flight, write_flight,
+};
+use crate::model::{Bank, CheckReport, RolloutError};
+use crate::report::{
     Experiment, ExperimentKind, Figure, Finding, FlightRollout, HorizonError, ModelDiagnostics, Results,
     RunSummary, SolverSummary, SwingTask, figures, html,
 };
-use flyvine::task::{Motion, Plan, read_plan};
-use serde::de::DeserializeOwned;
+use crate::task::{Motion, Plan, read_plan, write_plan};
 
-use crate::arm_shape::ArmShapes;
-use crate::flights::{configuration_label, load_flight};
-use crate::outcome::{Blame, Failure, bad_input};
-use crate::score::{score_flight, swing_target};
+/// Arm nodes of each row, quadrotor end first, m.
+pub type ArmShapes = Vec<Vec<[f64; 3]>>;
 
-/// Reads everything a report shows.
-pub fn read_results(folder: &Path) -> Result<Results, Failure> {
+/// Reads everything a report shows. Flights are cleaned; `found` is told what that found, flight by flight.
+///
+/// # Errors
+/// No run folder, or a file in it that cannot be read.
+pub fn read_results(
+    folder: &Path,
+    found: &mut dyn FnMut(&Path, &HygieneReport),
+) -> Result<Results, RunError> {
     let experiments = subfolders(&folder.join("experiments"))?;
     let check: Option<CheckReport> = read_json(&folder.join("check.json"))?;
     if experiments.is_empty() && check.is_none() {
-        return bad_input(format!(
-            "{} is not a run folder: found neither experiments/NAME/plan.json nor check.json",
-            folder.display()
-        ));
+        return Err(RunError::NotARun {
+            folder: folder.to_owned(),
+        });
     }
     let summary: Option<RunSummary> = read_json(&folder.join("run.json"))?;
     let hygiene: Vec<HygieneReport> = read_json(&folder.join("hygiene.json"))?.unwrap_or_default();
     let bank = folder.join("bank.json");
     let models = if bank.exists() {
-        model_diagnostics(&Bank::read(&bank).or_input()?)
+        model_diagnostics(&Bank::read(&bank)?)
     } else {
         Vec::new()
     };
@@ -52,12 +52,12 @@ pub fn read_results(folder: &Path) -> Result<Results, Failure> {
         }),
         experiments: experiments
             .iter()
-            .map(|folder| read_experiment(folder))
+            .map(|folder| read_experiment(folder, found))
             .collect::<Result<_, _>>()?,
         training: csv_files(&folder.join("training"))?
             .iter()
-            .map(|path| read_flight(path).or_input())
-            .collect::<Result<_, _>>()?,
+            .map(|path| Ok(read_flight(path)?))
+            .collect::<Result<_, RunError>>()?,
         rollouts: check.as_ref().map(rollouts).unwrap_or_default(),
         models,
         findings: hygiene
@@ -72,17 +72,26 @@ pub fn read_results(folder: &Path) -> Result<Results, Failure> {
 }
 
 /// Writes report.html and the figures; returns the page's path.
-pub fn write_report(folder: &Path, results: &Results) -> Result<PathBuf, Failure> {
+///
+/// # Errors
+/// Results that contradict themselves; a file that cannot be written.
+pub fn write_report(folder: &Path, results: &Results) -> Result<PathBuf, RunError> {
     for Figure { name, svg, .. } in figures(results) {
-        flyvine::file::write_whole(
+        write(
             &folder.join("figures").join(format!("{name}.svg")),
             svg.as_bytes(),
-        )
-        .or_internal()?;
+        )?;
     }
     let page = folder.join("report.html");
-    flyvine::file::write_whole(&page, html(results).or_internal()?.as_bytes()).or_internal()?;
+    write(&page, html(results)?.as_bytes())?;
     Ok(page)
+}
+
+fn write(path: &Path, contents: &[u8]) -> Result<(), RunError> {
+    write_whole(path, contents).map_err(|source| RunError::File {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// Where an experiment's files are.
@@ -91,25 +100,37 @@ pub fn experiment_folder(run: &Path, name: &str) -> PathBuf {
 }
 
 /// Writes the plan, the flight and the arm's shape of one experiment.
-pub fn write_experiment(run: &Path, plan: &Plan, flight: &Flight, arm: &ArmShapes) -> Result<(), Failure> {
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_experiment(run: &Path, plan: &Plan, flight: &Flight, arm: &ArmShapes) -> Result<(), RunError> {
     let folder = experiment_folder(run, &plan.task.name);
-    flyvine::task::write_plan(&folder.join("plan.json"), plan).or_internal()?;
-    flyvine::flight::write_flight(&folder.join("flight.csv"), flight).or_internal()?;
-    let arm = serde_json::to_vec(arm).or_internal()?;
-    flyvine::file::write_whole(&folder.join("arm.json"), &arm).or_internal()
+    write_plan(&folder.join("plan.json"), plan)?;
+    write_flight(&folder.join("flight.csv"), flight)?;
+    let path = folder.join("arm.json");
+    let arm = serde_json::to_vec(arm).map_err(|source| RunError::Json {
+        path: path.clone(),
+        source,
+    })?;
+    write(&path, &arm)
 }
 
-/// The experiments of a run folder, in reading order; an error where there are none.
-pub fn read_experiments(folder: &Path) -> Result<Vec<Experiment>, Failure> {
+/// The experiments of a run folder, in reading order.
+///
+/// # Errors
+/// A folder without flights, or a file in it that cannot be read.
+pub fn read_experiments(
+    folder: &Path,
+    found: &mut dyn FnMut(&Path, &HygieneReport),
+) -> Result<Vec<Experiment>, RunError> {
     let experiments = subfolders(&folder.join("experiments"))?
         .iter()
-        .map(|folder| read_experiment(folder))
+        .map(|folder| read_experiment(folder, found))
         .collect::<Result<Vec<_>, _>>()?;
     if experiments.is_empty() {
-        return bad_input(format!(
-            "{} is not a run folder with flights: found no experiments/NAME/plan.json",
-            folder.display()
-        ));
+        return Err(RunError::NoFlights {
+            folder: folder.to_owned(),
+        });
     }
     let results = Results {
         experiments,
@@ -119,16 +140,27 @@ pub fn read_experiments(folder: &Path) -> Result<Vec<Experiment>, Failure> {
 }
 
 /// One experiment's plan, flight and arm.
-pub fn read_experiment(folder: &Path) -> Result<Experiment, Failure> {
-    let plan = read_plan(&folder.join("plan.json")).or_input()?;
-    let (flight, _) = load_flight(&folder.join("flight.csv"))?;
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn read_experiment(
+    folder: &Path,
+    found: &mut dyn FnMut(&Path, &HygieneReport),
+) -> Result<Experiment, RunError> {
+    let plan = read_plan(&folder.join("plan.json"))?;
+    let path = folder.join("flight.csv");
+    let mut flight = read_flight(&path)?;
+    found(&path, &clean(&mut flight, &HygieneOptions::default()));
     let arm: Option<ArmShapes> = read_json(&folder.join("arm.json"))?;
     plan_experiment(&plan, flight, arm.unwrap_or_default())
 }
 
 /// A flight of a plan, with the arm's shape in each row where it is known. A flight without rows is one that was not
 /// flown yet.
-pub fn plan_experiment(plan: &Plan, mut flight: Flight, mut arm: ArmShapes) -> Result<Experiment, Failure> {
+///
+/// # Errors
+/// The flight is not one of the plan.
+pub fn plan_experiment(plan: &Plan, mut flight: Flight, mut arm: ArmShapes) -> Result<Experiment, RunError> {
     let rows = flight.samples.len();
     let remark = (rows != plan.knots() && rows > 0)
         .then(|| format!("{rows} rows for {} knots: aborted", plan.knots()));
@@ -209,7 +241,7 @@ pub fn flight_experiment(name: &str, flight: Flight) -> Experiment {
 }
 
 fn rollouts(check: &CheckReport) -> Vec<FlightRollout> {
-    let horizon = |rollout: &flyvine::model::RolloutError| HorizonError {
+    let horizon = |rollout: &RolloutError| HorizonError {
         horizon_s: rollout.horizon_s,
         windows: rollout.windows,
         median_m: rollout.median_m,
@@ -241,19 +273,24 @@ fn model_diagnostics(bank: &Bank) -> Vec<ModelDiagnostics> {
 }
 
 /// A JSON file of the run, `None` where it is absent.
-fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, Failure> {
+fn read_json<T: DeserializeOwned>(path: &Path) -> Result<Option<T>, RunError> {
     if !path.exists() {
         return Ok(None);
     }
-    let contents = std::fs::read(path).or_input()?;
-    match serde_json::from_slice(&contents) {
-        Ok(value) => Ok(Some(value)),
-        Err(error) => bad_input(format!("{}: {error}", path.display())),
-    }
+    let contents = std::fs::read(path).map_err(|source| RunError::File {
+        path: path.to_owned(),
+        source,
+    })?;
+    serde_json::from_slice(&contents)
+        .map(Some)
+        .map_err(|source| RunError::Json {
+            path: path.to_owned(),
+            source,
+        })
 }
 
 /// Folders in `folder`, by name; none where it is absent.
-fn subfolders(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+fn subfolders(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     Ok(entries(folder)?
         .into_iter()
         .filter(|path| path.is_dir())
@@ -261,22 +298,38 @@ fn subfolders(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
 }
 
 /// CSV files in `folder`, by name; none where it is absent.
-fn csv_files(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+fn csv_files(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     Ok(entries(folder)?
         .into_iter()
         .filter(|path| path.extension().is_some_and(|e| e == "csv"))
         .collect())
 }
 
-fn entries(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+fn entries(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     if !folder.exists() {
         return Ok(Vec::new());
     }
-    let listing = std::fs::read_dir(folder).or_input()?;
-    let mut paths = listing
-        .map(|entry| entry.map(|entry| entry.path()))
-        .collect::<Result<Vec<_>, _>>()
-        .or_input()?;
+    let list = || {
+        std::fs::read_dir(folder)?
+            .map(|entry| Ok(entry?.path()))
+            .collect::<std::io::Result<Vec<_>>>()
+    };
+    let mut paths = list().map_err(|source| RunError::File {
+        path: folder.to_owned(),
+        source,
+    })?;
     paths.sort();
     Ok(paths)
+}
+
+/// `ES`, `IS`, `EL`, `IL` at the paper's corners, otherwise length and pressure; an arrow where it changes.
+pub fn configuration_label(first: Configuration, last: Option<Configuration>) -> String {
+    let one = |configuration: Configuration| match Corner::from_configuration(configuration) {
+        Some(corner) => corner.label().to_owned(),
+        None => format!(
+            "{:.3} m {:.2} kPa",
+            configuration.length_m, configuration.pressure_kpa
+        ),
+    };
+    last.map_or_else(|| one(first), |last| format!("{} → {}", one(first), one(last)))
 }
