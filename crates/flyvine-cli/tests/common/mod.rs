@@ -25,6 +25,7 @@ pub fn demo_run() -> &'static Path {
 }
 
 /// The repository's root.
+#[allow(dead_code)] // not every test wants it
 pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
