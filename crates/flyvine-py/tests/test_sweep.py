@@ -102,7 +102,7 @@ def test_sql_over_tables(whole):
 
 
 def test_ray_computes_the_same_bytes(sweep_file, whole, tmp_path):
-    if os.environ.get("FLYVINE_REQUIRE_PEERS") != "1":
+    if os.environ.get("FLYVINE_REQUIRE_RAY") != "1":
         pytest.importorskip("ray")
     environment = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0"}
     subprocess.run(
