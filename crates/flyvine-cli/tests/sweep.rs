@@ -296,9 +296,4 @@ fn what_cannot_be_swept_is_named() {
     );
     refused("seeds = 4", "seeds = 0", &["seeds", "at least 1"]);
     refused("seeds = 4", "seed = 4", &["unknown field `seed`"]);
-    refused(
-        "seeds = 4",
-        "controllers = [\"mpc\"]",
-        &["swing_ES", "`mpc`", "lag family"],
-    );
 }

@@ -150,6 +150,8 @@ mod tests {
                     assert_eq!(command, [knot as f64; 3]);
                     break;
                 }
+                // While it is busy, no answer comes at once.
+                std::thread::sleep(Duration::from_millis(5));
             }
             assert!(matches!(proposal, Proposal::Command(_)), "it comes back");
         });
