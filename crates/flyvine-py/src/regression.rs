@@ -61,7 +61,11 @@ fn regulate_python<'py>(
         command: arrays::numbers("command_weights", &command_weights, m)?,
         command_change: vec![0.0; m],
     };
-    if let Some(weight) = weights.command.iter().find(|weight| !(**weight > 0.0)) {
+    if let Some(weight) = weights
+        .command
+        .iter()
+        .find(|weight| weight.is_nan() || **weight <= 0.0)
+    {
         return Err(wrong("command_weights", weight, "positive numbers"));
     }
     let stride = stage.stride();

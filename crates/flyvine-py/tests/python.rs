@@ -3,6 +3,8 @@
 //! The package is put together in a folder of its own and tested by pytest there, so that nothing needs to be installed
 //! but Python, numpy and pytest. `pip install ./crates/flyvine-py` builds the same extension by maturin.
 
+#![allow(clippy::print_stdout)] // says that it skips
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 

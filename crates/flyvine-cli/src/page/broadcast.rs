@@ -42,7 +42,7 @@ impl LiveRow {
         Self {
             row: flown.row,
             knots: flown.knots,
-            sample: flown.sample.clone(),
+            sample: *flown.sample,
             state: flown.state,
             reason: flown.reason,
             events: flown.events.to_vec(),

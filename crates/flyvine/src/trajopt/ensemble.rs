@@ -85,7 +85,7 @@ impl<D: Dynamics> Ensemble<D> {
                 require_equal(member, what, found, expected)?;
             }
         }
-        if layout.state % layout.fresh != 0 {
+        if !layout.state.is_multiple_of(layout.fresh) {
             return Err(EnsembleError::PartialLag {
                 state: layout.state,
                 fresh: layout.fresh,
