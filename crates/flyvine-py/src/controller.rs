@@ -147,7 +147,12 @@ impl PyController {
         require_finite(&tick)?;
         let proposal = python.detach(|| {
             let mut controller = self.controller.lock().unwrap_or_else(PoisonError::into_inner);
-            controller.with_dependent_mut(|_, controller| controller.propose(&tick))
+            controller.with_dependent_mut(|_, controller| {
+                if tick.knot == 0 {
+                    controller.prepare(&tick.observation);
+                }
+                controller.propose(&tick)
+            })
         });
         match proposal {
             Proposal::Command(command) => Ok(Some(arrays::vector(python, command.to_vec()))),
