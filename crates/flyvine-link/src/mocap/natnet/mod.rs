@@ -1,6 +1,6 @@
 //! NatNet, OptiTrack's protocol: client for versions 3.0 to 4.1, server for 3.1.
 //!
-//! The packets are read and written by the crate [`natnet`](::natnet); [`Assembler`] makes frames with names of
+//! The packets are read and written by the crate `natnet`; [`Assembler`] makes frames with names of
 //! them, [`NatNetClient`] and [`NatNetServer`] are the sockets.
 
 mod assembler;
