@@ -1,7 +1,7 @@
 //! The firmware itself, on an emulated Cortex-M0 (qemu's micro:bit), spoken to over its serial line.
 //!
 //! Needs qemu-system-arm and the image: `.ci/firmware` makes and installs them. Where they are absent the tests say that
-//! they skip; with FLYVINE_REQUIRE_PEERS=1, or with an image named by FLYVINE_FIRMWARE_IMAGE, they fail.
+//! they skip; with an image named by FLYVINE_FIRMWARE_IMAGE, they fail.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -90,8 +90,7 @@ fn start_board() -> Option<Board> {
 }
 
 fn absent(what: &str) -> Option<Board> {
-    let required = std::env::var_os("FLYVINE_REQUIRE_PEERS").is_some_and(|value| value == "1")
-        || std::env::var_os("FLYVINE_FIRMWARE_IMAGE").is_some();
+    let required = std::env::var_os("FLYVINE_FIRMWARE_IMAGE").is_some();
     assert!(!required, "{what}");
     say(&format!("skipped: {what}"));
     None
