@@ -9,3 +9,4 @@ pub mod mocap;
 pub mod onboard;
 pub mod recording;
 pub mod rehearsal;
+mod worker;

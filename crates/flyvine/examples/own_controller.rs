@@ -38,15 +38,7 @@ impl Controller for TipFeedback<'_> {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let path = std::env::args().nth(1).ok_or("expected a plan")?;
     let plan = read_plan(Path::new(&path))?;
-    let bounds = plan.task.command_bounds();
-    let trajectory = Trajectory::new(
-        plan.commands.clone(),
-        plan.states.clone(),
-        plan.gains.clone(),
-        plan.configurations.clone(),
-        bounds.lower,
-        bounds.upper,
-    )?;
+    let trajectory = Trajectory::of_plan(&plan)?;
     let mut feedback = TipFeedback {
         trajectory: &trajectory,
         predicted_tip: plan.predicted_end_effector(),

@@ -2,9 +2,7 @@
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -12,6 +10,7 @@ use vine_arm::plant::{Plant, PlantParameters};
 use vine_arm::{Device, Limits};
 
 use super::line::Pty;
+use crate::worker::Worker;
 
 /// Control period, as on the board.
 const PERIOD: Duration = Duration::from_millis(5);
@@ -20,8 +19,7 @@ const PERIOD: Duration = Duration::from_millis(5);
 #[derive(Debug)]
 pub struct SoftwareArm {
     path: PathBuf,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl SoftwareArm {
@@ -34,31 +32,18 @@ impl SoftwareArm {
             Device::new(limits).map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error))?;
         let pty = Pty::open()?;
         let path = pty.path.clone();
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        let thread = std::thread::Builder::new()
-            .name("software arm".into())
-            .spawn(move || serve(pty, device, Plant::at(plant, length_m), &stopped))?;
+        let worker = Worker::start("software arm", move |stop| {
+            serve(pty, device, Plant::at(plant, length_m), &stop);
+        })?;
         Ok(SoftwareArm {
             path,
-            stop,
-            thread: Some(thread),
+            _worker: worker,
         })
     }
 
     /// The serial port to open.
     pub fn path(&self) -> &Path {
         &self.path
-    }
-}
-
-impl Drop for SoftwareArm {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // A panic of its own has been reported already.
-            let _ = thread.join();
-        }
     }
 }
 

@@ -8,6 +8,7 @@
 //! Clients deliver [`Frame`]s as they come: names, axes and time stamps are the server's. Everything after that,
 //! the same for both protocols, happens in the source.
 
+mod address;
 mod bodies;
 mod clock;
 mod error;

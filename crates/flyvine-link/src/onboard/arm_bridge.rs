@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use vine_arm::{Decoder, Frame, Message, Request, Setpoint, State};
 
 use super::serial_port::SerialPort;
-use super::{ArmPort, ArmProtocol, OnboardError, OnboardEvent, Traffic, listen, receive};
+use super::{ArmPort, ArmProtocol, OnboardError, OnboardEvent, Traffic, open_sides, receive};
 use crate::arm::{ArmClient, LegacyDevice};
 
 /// How long the daemon waits for the arm to acknowledge its stop.
@@ -50,20 +50,15 @@ impl ArmBridge {
                 commands: String::new(),
             },
         };
-        let bridge = ArmBridge {
-            port: SerialPort::open(options.path.clone(), options.baud)?,
-            socket: listen(options.listen)?,
+        let (port, socket) = open_sides("arm", &options.path, options.baud, options.listen, tell)?;
+        Ok(ArmBridge {
+            port,
+            socket,
             peer: None,
             arm,
             from_serial: Decoder::new(),
             traffic: Traffic::default(),
-        };
-        tell(OnboardEvent::Bridging {
-            what: "arm",
-            path: options.path.clone(),
-            listen: bridge.socket.local_addr().unwrap_or(options.listen),
-        });
-        Ok(bridge)
+        })
     }
 
     /// What to wait for.

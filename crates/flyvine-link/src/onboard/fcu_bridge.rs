@@ -5,7 +5,7 @@ use std::net::{SocketAddr, UdpSocket};
 
 use super::mavlink_packets::PacketSplitter;
 use super::serial_port::SerialPort;
-use super::{FcuPort, OnboardError, OnboardEvent, Traffic, listen, receive};
+use super::{FcuPort, OnboardError, OnboardEvent, Traffic, open_sides, receive};
 
 /// One autopilot and whoever talks to it.
 pub(super) struct FcuBridge {
@@ -21,19 +21,14 @@ impl FcuBridge {
         options: &FcuPort,
         tell: &mut dyn FnMut(OnboardEvent),
     ) -> Result<FcuBridge, OnboardError> {
-        let bridge = FcuBridge {
-            port: SerialPort::open(options.path.clone(), options.baud)?,
-            socket: listen(options.listen)?,
+        let (port, socket) = open_sides("autopilot", &options.path, options.baud, options.listen, tell)?;
+        Ok(FcuBridge {
+            port,
+            socket,
             peer: options.peer,
             from_serial: PacketSplitter::default(),
             traffic: Traffic::default(),
-        };
-        tell(OnboardEvent::Bridging {
-            what: "autopilot",
-            path: options.path.clone(),
-            listen: bridge.socket.local_addr().unwrap_or(options.listen),
-        });
-        Ok(bridge)
+        })
     }
 
     /// What to wait for.

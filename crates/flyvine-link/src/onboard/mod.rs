@@ -15,8 +15,8 @@ mod serial_port;
 
 use std::fmt;
 use std::io;
-use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::net::{SocketAddr, UdpSocket};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -25,6 +25,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use crate::arm::{LegacyOptions, LegacyOptionsError};
 use arm_bridge::ArmBridge;
 use fcu_bridge::FcuBridge;
+use serial_port::SerialPort;
 
 /// Longest wait for bytes, ns: the control period of a legacy arm.
 const TURN_NS: i64 = 5_000_000;
@@ -228,14 +229,28 @@ fn wait(arm: Option<&ArmBridge>, fcu: Option<&FcuBridge>) -> Result<(), OnboardE
 }
 
 /// A socket that never blocks.
-fn listen(address: SocketAddr) -> Result<std::net::UdpSocket, OnboardError> {
-    std::net::UdpSocket::bind(address)
+/// Opens both sides of a bridge for `what`, and tells so.
+fn open_sides(
+    what: &'static str,
+    path: &Path,
+    baud: u32,
+    address: SocketAddr,
+    tell: &mut dyn FnMut(OnboardEvent),
+) -> Result<(SerialPort, UdpSocket), OnboardError> {
+    let port = SerialPort::open(path.to_owned(), baud)?;
+    let socket = UdpSocket::bind(address)
         .and_then(|socket| socket.set_nonblocking(true).map(|()| socket))
-        .map_err(|error| OnboardError::Listen { address, error })
+        .map_err(|error| OnboardError::Listen { address, error })?;
+    tell(OnboardEvent::Bridging {
+        what,
+        path: path.to_owned(),
+        listen: socket.local_addr().unwrap_or(address),
+    });
+    Ok((port, socket))
 }
 
 /// Takes up to a hundred datagrams; what comes faster waits, so that no line starves the other.
-fn receive(socket: &std::net::UdpSocket, mut each: impl FnMut(&[u8], SocketAddr)) {
+fn receive(socket: &UdpSocket, mut each: impl FnMut(&[u8], SocketAddr)) {
     let mut datagram = [0; 2048];
     for _ in 0..100 {
         match socket.recv_from(&mut datagram) {

@@ -31,10 +31,14 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
         source,
     };
     let optimized = Optimized::new(task, &problem, &model.dynamics, options).map_err(malformed)?;
-    let mut solver = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
-    let motion = match optimized.entries {
-        None => &optimized.solution,
-        Some(_) => solver.regulate(&optimized.solution.commands).map_err(malformed)?,
+    let mut regulator;
+    let motion = if optimized.entries.is_none() {
+        &optimized.solution
+    } else {
+        regulator = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
+        regulator
+            .regulate(&optimized.solution.commands)
+            .map_err(malformed)?
     };
     let solve = optimized.summarize(motion, &reference, options, signal_name);
     Ok(plan(

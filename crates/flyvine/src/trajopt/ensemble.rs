@@ -273,6 +273,7 @@ impl<D: Dynamics> Dynamics for Ensemble<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trajopt::derivatives::assert_derivatives;
     use crate::trajopt::{Options, Solver, Status};
 
     /// `x⁺ = gain · x_{k−1} + 0.1 x² + u` with two lags: a member differs in its gain.
@@ -345,40 +346,8 @@ mod tests {
     #[test]
     fn derivatives_agree_with_finite_differences() {
         let ensemble = Ensemble::new(vec![Toy { gain: 0.4 }, Toy { gain: 0.6 }, Toy { gain: 0.8 }]).unwrap();
-        let (n, m, fresh) = (6, 1, 3);
-        let point: Vec<f64> = (0..n + m).map(|i| 0.3 - 0.1 * i as f64).collect();
-        let adjoint = [1.0, -2.0, 0.5];
-        let evaluate = |point: &[f64]| {
-            let (mut next, mut jacobian) = (vec![0.0; fresh], vec![0.0; fresh * (n + m)]);
-            ensemble.step(0, &point[..n], &point[n..], &mut next);
-            ensemble.jacobian(0, &point[..n], &point[n..], &mut jacobian);
-            (next, jacobian)
-        };
-        let (_, jacobian) = evaluate(&point);
-        let stride = kernel::padded(n + m);
-        let mut curvature = vec![0.0; (n + m) * stride];
-        ensemble.add_curvature(0, &point[..n], &point[n..], &adjoint, stride, &mut curvature);
-        for column in 0..n + m {
-            let moved = |by: f64| {
-                let mut moved = point.clone();
-                moved[column] += by;
-                evaluate(&moved)
-            };
-            let ((plus, jacobian_plus), (minus, jacobian_minus)) = (moved(1e-4), moved(-1e-4));
-            for row in 0..fresh {
-                let difference = (plus[row] - minus[row]) / 2e-4;
-                assert!((difference - jacobian[row * (n + m) + column]).abs() < 1e-9);
-            }
-            for other in 0..n + m {
-                let along = |jacobian: &[f64]| -> f64 {
-                    (0..fresh)
-                        .map(|row| adjoint[row] * jacobian[row * (n + m) + other])
-                        .sum()
-                };
-                let difference = (along(&jacobian_plus) - along(&jacobian_minus)) / 2e-4;
-                assert!((difference - curvature[column * stride + other]).abs() < 1e-9);
-            }
-        }
+        let point: Vec<f64> = (0..7).map(|i| 0.3 - 0.1 * i as f64).collect();
+        assert_derivatives(&ensemble, &point, &[1.0, -2.0, 0.5]);
     }
 
     /// Twins plan like one: with a price above the equality's multiplier, the soft equality holds exactly.

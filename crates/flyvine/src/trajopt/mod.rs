@@ -14,6 +14,8 @@
 mod augmented_lagrangian;
 mod batch;
 mod command_change;
+#[cfg(test)]
+mod derivatives;
 mod dynamics;
 mod ensemble;
 mod ilqr;

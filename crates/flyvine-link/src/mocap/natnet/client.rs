@@ -5,15 +5,16 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use ::natnet::serverinfo::ConnectionInfo;
 use ::natnet::{NAT_CONNECT, NAT_KEEPALIVE, NAT_REQUEST_MODELDEF};
 
 use super::{Assembler, COMMAND_PORT, Heard};
-use crate::mocap::vrpn::resolve;
+use crate::mocap::address::{host_and_port, resolve};
 use crate::mocap::{Incoming, LinkState, MocapError, Sink};
+use crate::worker::Worker;
 
 /// How long a thread sleeps in a socket before it looks whether it shall stop.
 const TICK: Duration = Duration::from_millis(50);
@@ -36,33 +37,20 @@ impl FromStr for NatNetAddress {
 
     /// Reads `host` or `host:port`.
     fn from_str(address: &str) -> Result<Self, MocapError> {
-        let error = |problem: &str| MocapError::Address {
-            address: address.to_owned(),
-            problem: problem.to_owned(),
-        };
-        let (host, port) = match address.rsplit_once(':') {
-            Some((host, port)) => (
-                host,
-                port.parse()
-                    .map_err(|_| error("expected a port 0 … 65535 after the colon"))?,
-            ),
-            None => (address, COMMAND_PORT),
-        };
-        if host.is_empty() || host.contains(['/', ':', '@', ' ']) {
-            return Err(error("expected `host` or `host:port` (IPv4)"));
-        }
-        Ok(NatNetAddress {
-            host: host.to_owned(),
-            port,
-        })
+        let (host, port) = host_and_port(
+            address,
+            address,
+            COMMAND_PORT,
+            "expected `host` or `host:port` (IPv4)",
+        )?;
+        Ok(NatNetAddress { host, port })
     }
 }
 
 /// A connection to a NatNet server, kept up by a thread of its own until this value is dropped.
 #[derive(Debug)]
 pub struct NatNetClient {
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl NatNetClient {
@@ -73,29 +61,12 @@ impl NatNetClient {
     /// asking.
     pub fn start(address: &NatNetAddress, sink: Sink) -> Result<Self, MocapError> {
         let server = resolve(&address.host, address.port)?;
-        let stop = Arc::new(AtomicBool::new(false));
-        let session = Session {
-            server,
-            sink,
-            stop: stop.clone(),
-        };
-        let thread = thread::Builder::new()
-            .name("natnet client".into())
-            .spawn(move || session.run())
-            .map_err(MocapError::Thread)?;
+        let worker = Worker::start("natnet client", move |stop| {
+            Session { server, sink, stop }.run();
+        });
         Ok(NatNetClient {
-            stop,
-            thread: Some(thread),
+            _worker: worker.map_err(MocapError::Thread)?,
         })
-    }
-}
-
-impl Drop for NatNetClient {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

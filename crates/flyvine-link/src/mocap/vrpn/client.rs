@@ -1,19 +1,19 @@
 //! A VRPN client: threads that keep a connection to one server and pass its reports on.
 
 use std::io::{ErrorKind, Read, Write};
-use std::net::{
-    IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4, TcpListener, TcpStream, ToSocketAddrs, UdpSocket,
-};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4, TcpListener, TcpStream, UdpSocket};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::thread::{self, JoinHandle};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use super::lob::format_lob;
 use super::{Endpoint, Event, PORT, Report};
+use crate::mocap::address::{host_and_port, resolve};
 use crate::mocap::clock::unix_s;
 use crate::mocap::{BodyPose, Frame, Incoming, LinkState, MocapError, Sink};
+use crate::worker::Worker;
 
 /// How long a thread sleeps in a socket before it looks whether it shall stop.
 const TICK: Duration = Duration::from_millis(50);
@@ -40,38 +40,20 @@ impl FromStr for VrpnAddress {
 
     /// Reads `host`, `host:port`, `tcp://host` or `tcp://host:port`.
     fn from_str(address: &str) -> Result<Self, MocapError> {
-        let error = |problem: &str| MocapError::Address {
-            address: address.to_owned(),
-            problem: problem.to_owned(),
-        };
         let (tcp_only, rest) = match address.strip_prefix("tcp://") {
             Some(rest) => (true, rest),
             None => (false, address),
         };
-        let (host, port) = match rest.rsplit_once(':') {
-            Some((host, port)) => (
-                host,
-                port.parse()
-                    .map_err(|_| error("expected a port 0 … 65535 after the colon"))?,
-            ),
-            None => (rest, PORT),
-        };
-        if host.is_empty() || host.contains(['/', ':', '@', ' ']) {
-            return Err(error("expected `host`, `host:port` or `tcp://host:port` (IPv4)"));
-        }
-        Ok(VrpnAddress {
-            host: host.to_owned(),
-            port,
-            tcp_only,
-        })
+        let expected = "expected `host`, `host:port` or `tcp://host:port` (IPv4)";
+        let (host, port) = host_and_port(address, rest, PORT, expected)?;
+        Ok(VrpnAddress { host, port, tcp_only })
     }
 }
 
 /// A connection to a VRPN server, kept up by a thread of its own until this value is dropped.
 #[derive(Debug)]
 pub struct VrpnClient {
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _worker: Worker,
 }
 
 impl VrpnClient {
@@ -83,51 +65,21 @@ impl VrpnClient {
     /// trying.
     pub fn start(address: &VrpnAddress, wanted: &[String], sink: Sink) -> Result<Self, MocapError> {
         let server = resolve(&address.host, address.port)?;
-        let stop = Arc::new(AtomicBool::new(false));
-        let session = Session {
-            server,
-            tcp_only: address.tcp_only,
-            wanted: wanted.to_vec(),
-            sink,
-            stop: stop.clone(),
-        };
-        let thread = thread::Builder::new()
-            .name("vrpn client".into())
-            .spawn(move || session.run())
-            .map_err(MocapError::Thread)?;
+        let (tcp_only, wanted) = (address.tcp_only, wanted.to_vec());
+        let worker = Worker::start("vrpn client", move |stop| {
+            Session {
+                server,
+                tcp_only,
+                wanted,
+                sink,
+                stop,
+            }
+            .run();
+        });
         Ok(VrpnClient {
-            stop,
-            thread: Some(thread),
+            _worker: worker.map_err(MocapError::Thread)?,
         })
     }
-}
-
-impl Drop for VrpnClient {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // A panic in the sink has been reported by its thread already.
-            let _ = thread.join();
-        }
-    }
-}
-
-/// The host's first IPv4 address.
-pub(in crate::mocap) fn resolve(host: &str, port: u16) -> Result<SocketAddrV4, MocapError> {
-    let error = |problem: String| MocapError::Address {
-        address: format!("{host}:{port}"),
-        problem,
-    };
-    let addresses = (host, port)
-        .to_socket_addrs()
-        .map_err(|problem| error(problem.to_string()))?;
-    addresses
-        .filter_map(|address| match address {
-            SocketAddr::V4(address) => Some(address),
-            SocketAddr::V6(_) => None,
-        })
-        .next()
-        .ok_or_else(|| error("has no IPv4 address, which the protocol needs".into()))
 }
 
 /// What the client's threads share.

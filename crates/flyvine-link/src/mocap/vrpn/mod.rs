@@ -15,7 +15,6 @@ mod lob;
 pub mod message;
 mod server;
 
-pub(super) use client::resolve;
 pub use client::{VrpnAddress, VrpnClient};
 pub use endpoint::{Endpoint, Event, Report};
 pub use lob::{format_lob, parse_lob};
