@@ -32,15 +32,15 @@ const PHYSICAL: [(usize, f64, f64, usize); 13] = [
     (3, 0.3, 5e-3, 0),  // integrator
     (3, 1e-2, 5e-3, 0), // filtered velocity
     (1, 0.1, 3e-2, 0),  // thrust
-    (3, 1e-4, 1e-5, 0), // command in transport
+    (6, 1e-4, 1e-5, 0), // commands in transport
     (3, 2e-2, 5e-3, 2), // tip velocity
     (3, 1e-2, 2e-4, 2), // inner joint
     (3, 2e-2, 5e-3, 2), // its velocity
 ];
 /// First entries of the velocities of quadrotor, tip and inner joint.
 const VELOCITY: usize = 9;
-const TIP_VELOCITY: usize = 28;
-const JOINT_VELOCITY: usize = 34;
+const TIP_VELOCITY: usize = 31;
+const JOINT_VELOCITY: usize = 37;
 /// What pushes the tip pushes the inner joint by this share.
 const JOINT_SHARE: f64 = 0.5;
 

@@ -133,17 +133,14 @@ impl FlightData {
     pub fn start<S: Scalar>(&self, row: usize, parameters: &Parameters<S>) -> State<S> {
         let window = &self.observed[row..(row + START_ROWS + 1).min(self.rows())];
         let known = window.len() == START_ROWS + 1 && window.iter().all(Observed::complete);
-        let command = self.commands[row.saturating_sub(1)];
+        let sent = |knots: usize| self.commands[row.saturating_sub(knots)];
         let start = |velocity, tip_velocity| {
-            let arm = self.arms[row];
-            State::from_poses(
-                parameters,
-                arm,
-                &window[0].outputs,
-                velocity,
-                tip_velocity,
-                command,
-            )
+            let (arm, outputs) = (self.arms[row], &window[0].outputs);
+            let mut state = State::from_poses(parameters, arm, outputs, velocity, tip_velocity, sent(1));
+            for (knots, command) in state.commands.iter_mut().enumerate() {
+                *command = Vector::constant(sent(knots + 1));
+            }
+            state
         };
         let moved = |entry: usize| (window[START_ROWS].outputs[entry] - window[0].outputs[entry]).abs();
         if !known || [0, 1, 2, 6, 7, 8].into_iter().all(|entry| moved(entry) < STILL_M) {

@@ -32,7 +32,7 @@ const BLOCKS: [(usize, f64, f64); 11] = [
     (3, 1.0, 1e-2),  // integrator
     (3, 0.05, 1e-2), // filtered velocity
     (1, 1.0, 0.1),   // thrust
-    (3, 1e-4, 1e-5), // command in transport
+    (6, 1e-4, 1e-5), // commands in transport
     (3, 0.4, 2e-2),  // tip velocity
 ];
 /// The same for the position and velocity of an inner joint.
@@ -49,7 +49,7 @@ pub struct Observer {
 impl Observer {
     /// Starts at a state guessed from poses.
     pub fn new(start: &State<f64>) -> Self {
-        let inner = (9 + 19 + 3..STATE_LEN).step_by(6).flat_map(|_| INNER_JOINT);
+        let inner = (9 + 22 + 3..STATE_LEN).step_by(6).flat_map(|_| INNER_JOINT);
         let deviations: Vec<(f64, f64)> = BLOCKS
             .into_iter()
             .chain(inner)
@@ -205,7 +205,7 @@ mod tests {
         assert!(worst(truth, estimate, 0..9) < 2e-3, "outputs");
         assert!(worst(truth, estimate, 9..12) < 0.02, "velocity");
         assert!(worst(truth, estimate, 18..21) < 0.05, "integrator");
-        assert!(worst(truth, estimate, 31..34) < 0.01, "inner joint");
+        assert!(worst(truth, estimate, 34..37) < 0.01, "inner joint");
     }
 
     #[test]

@@ -9,8 +9,11 @@ use crate::GRAVITY;
 /// Number of rigid links of the arm.
 pub const LINKS: usize = 2;
 
+/// Number of earlier commands that may still be in transport: the longest delay, in knots.
+pub const COMMANDS: usize = 2;
+
 /// Length of the flat state: the nine outputs first, then what is hidden.
-pub const STATE_LEN: usize = 25 + 6 * LINKS;
+pub const STATE_LEN: usize = 28 + 6 * LINKS;
 
 /// Number of outputs `x ∈ R⁹`: quadrotor position, attitude vector part, end-effector position.
 pub const OUTPUT_LEN: usize = 9;
@@ -18,8 +21,8 @@ pub const OUTPUT_LEN: usize = 9;
 /// State of quadrotor, autopilot and arm. World frame unless said otherwise.
 ///
 /// Flat layout: position (3), attitude (3), tip (3) | velocity (3), body rate (3), angular acceleration (3),
-/// integrator (3), filtered velocity (3), thrust (1), command (3), tip velocity (3) | for every inner joint
-/// from the base outwards: position (3), velocity (3).
+/// integrator (3), filtered velocity (3), thrust (1), commands (3 × [`COMMANDS`]), tip velocity (3) | for every inner
+/// joint from the base outwards: position (3), velocity (3).
 #[derive(Debug, Clone, Copy)]
 pub struct State<S> {
     /// Quadrotor position, m.
@@ -38,8 +41,8 @@ pub struct State<S> {
     pub filtered_velocity: Vector<S>,
     /// Collective thrust per total mass, m/s².
     pub thrust: S,
-    /// The command of the previous knot, still in transport, m.
-    pub command: Vector<S>,
+    /// The commands of the previous knots, still in transport, the newest first, m.
+    pub commands: [Vector<S>; COMMANDS],
     /// Outer ends of the links from the base outwards, m; the last is the end effector.
     pub points: [Vector<S>; LINKS],
     /// Their velocities, m/s.
@@ -70,7 +73,7 @@ impl<S: Scalar> State<S> {
             integrator: Vector::zero(),
             filtered_velocity: velocity,
             thrust: S::from(GRAVITY),
-            command: Vector::constant(command),
+            commands: [Vector::constant(command); COMMANDS],
             points: [Vector::zero(); LINKS],
             point_velocities: [velocity; LINKS],
         };
@@ -79,7 +82,7 @@ impl<S: Scalar> State<S> {
         for axis in 0..2 {
             let acceleration = up.0[axis] / up.0[2] * GRAVITY;
             let error =
-                (state.command.0[axis] - state.position.0[axis]) * p.position_gain_xy - velocity.0[axis];
+                (state.commands[0].0[axis] - state.position.0[axis]) * p.position_gain_xy - velocity.0[axis];
             state.integrator.0[axis] =
                 acceleration * (p.derivative_gain_xy + 1.0) - p.velocity_gain_xy * error;
             state.filtered_velocity.0[axis] = velocity.0[axis] - p.derivative_time_constant * acceleration;
@@ -108,10 +111,10 @@ impl<S: Scalar> State<S> {
     pub fn from_flat(flat: &[S]) -> Self {
         let vector = |at: usize| Vector([flat[at], flat[at + 1], flat[at + 2]]);
         let mut points = [vector(6); LINKS];
-        let mut point_velocities = [vector(28); LINKS];
+        let mut point_velocities = [vector(31); LINKS];
         for joint in 0..LINKS - 1 {
-            points[joint] = vector(31 + 6 * joint);
-            point_velocities[joint] = vector(34 + 6 * joint);
+            points[joint] = vector(34 + 6 * joint);
+            point_velocities[joint] = vector(37 + 6 * joint);
         }
         State {
             position: vector(0),
@@ -122,7 +125,7 @@ impl<S: Scalar> State<S> {
             integrator: vector(18),
             filtered_velocity: vector(21),
             thrust: flat[24],
-            command: vector(25),
+            commands: [vector(25), vector(28)],
             points,
             point_velocities,
         }
@@ -139,11 +142,12 @@ impl<S: Scalar> State<S> {
         put(15, &self.angular_acceleration);
         put(18, &self.integrator);
         put(21, &self.filtered_velocity);
-        put(25, &self.command);
-        put(28, &self.point_velocities[LINKS - 1]);
+        put(25, &self.commands[0]);
+        put(28, &self.commands[1]);
+        put(31, &self.point_velocities[LINKS - 1]);
         for joint in 0..LINKS - 1 {
-            put(31 + 6 * joint, &self.points[joint]);
-            put(34 + 6 * joint, &self.point_velocities[joint]);
+            put(34 + 6 * joint, &self.points[joint]);
+            put(37 + 6 * joint, &self.point_velocities[joint]);
         }
         flat[24] = self.thrust;
     }

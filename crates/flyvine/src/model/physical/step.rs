@@ -4,7 +4,7 @@ use super::arm::{ArmLength, accelerations, base, link_lengths};
 use super::autopilot::autopilot;
 use super::parameters::Parameters;
 use super::scalar::Scalar;
-use super::state::{LINKS, State};
+use super::state::{COMMANDS, LINKS, State};
 use super::vector::Vector;
 use crate::DT;
 
@@ -25,22 +25,39 @@ pub fn step<S: Scalar>(
 ) -> State<S> {
     let mut now = *state;
     for substep in 0..SUBSTEPS {
-        let arrived = (-parameters.command_delay + (substep + 1) as f64 * SUBSTEP_S) * (1.0 / SUBSTEP_S);
-        let effective = if arrived.value() <= 0.0 {
-            state.command
-        } else if arrived.value() > 1.0 {
-            *command
-        } else {
-            state.command + (*command - state.command) * arrived
-        };
+        let effective = command_in_force(parameters, state, command, (substep + 1) as f64 * SUBSTEP_S);
         let length = ArmLength {
             length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
             ..arm
         };
         now = advance(parameters, length, &now, &effective);
     }
-    now.command = *command;
+    now.commands.rotate_right(1);
+    now.commands[0] = *command;
     now
+}
+
+/// The command in force during the substep that ends at `t_s` after the knot: the transport delay after a command was
+/// sent it begins to replace the one before, by its share of the substep.
+fn command_in_force<S: Scalar>(
+    parameters: &Parameters<S>,
+    state: &State<S>,
+    command: &Vector<S>,
+    t_s: f64,
+) -> Vector<S> {
+    let mut newer = command;
+    for (knots, older) in state.commands.iter().enumerate() {
+        let sent_s = -(knots as f64) * DT;
+        let arrived = (-parameters.command_delay + (t_s - sent_s)) * (1.0 / SUBSTEP_S);
+        if arrived.value() >= 1.0 {
+            return *newer;
+        }
+        if arrived.value() > 0.0 {
+            return *older + (*newer - *older) * arrived;
+        }
+        newer = older;
+    }
+    state.commands[COMMANDS - 1]
 }
 
 /// One substep: velocities first, positions with the new velocities, then the arm back onto its lengths.
@@ -112,7 +129,7 @@ mod tests {
         let rest = State::rest(&parameters, 0.9, [0.3, -0.2, 1.4]);
         let mut state = rest;
         for _ in 0..100 {
-            state = step(&parameters, ArmLength::constant(0.9), &state, &rest.command);
+            state = step(&parameters, ArmLength::constant(0.9), &state, &rest.commands[0]);
         }
         let (mut before, mut after) = ([0.0; STATE_LEN], [0.0; STATE_LEN]);
         rest.write_flat(&mut before);
@@ -136,13 +153,21 @@ mod tests {
         assert!(moved(&parameters).abs() < 1e-12);
         parameters.command_delay = 0.0;
         assert!(moved(&parameters) > 1e-3);
+
+        // From one knot to the next nothing jumps: a command that arrives 30 ms into the second knot.
+        parameters.command_delay = 0.08;
+        let next = step(&parameters, ArmLength::constant(0.7), &rest, &command);
+        assert_eq!(next.position.0, rest.position.0);
+        let force = |t_s: f64| command_in_force(&parameters, &next, &command, t_s).0[0];
+        assert!(force(0.03).abs() < 1e-12 && (force(0.035) - 0.5).abs() < 1e-12);
+        assert_eq!(force(0.04), 1.0);
     }
 
     #[test]
     fn a_growing_arm_ends_as_long_as_it_should() {
         let parameters = Parameters::defaults();
         let mut state = State::rest(&parameters, 0.7, [0.0, 0.0, 1.5]);
-        let command = state.command;
+        let command = state.commands[0];
         for knot in 0..200 {
             let arm = ArmLength {
                 length_m: 0.7 + 0.001 * f64::from(knot),
