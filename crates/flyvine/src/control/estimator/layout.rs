@@ -22,13 +22,14 @@ pub(super) struct Layout {
 const DISTURBANCE_INITIAL_KNOTS: f64 = 50.0;
 
 /// Standard deviations of the physical state's blocks: at the start, at rest, and what a knot adds; m, s, rad.
-const PHYSICAL: [(usize, f64, f64, usize); 13] = [
+const PHYSICAL: [(usize, f64, f64, usize); 14] = [
     (3, 2e-3, 1e-4, 0), // position
     (3, 5e-3, 5e-4, 1), // attitude
     (3, 5e-3, 1e-4, 2), // tip
     (3, 1e-2, 3e-3, 0), // velocity
     (3, 5e-2, 2e-2, 1), // body rate
     (3, 0.5, 0.2, 1),   // angular acceleration
+    (3, 0.2, 2e-2, 1),  // rate integrator
     (3, 0.3, 5e-3, 0),  // integrator
     (3, 1e-2, 5e-3, 0), // filtered velocity
     (1, 0.1, 3e-2, 0),  // thrust
@@ -39,8 +40,8 @@ const PHYSICAL: [(usize, f64, f64, usize); 13] = [
 ];
 /// First entries of the velocities of quadrotor, tip and inner joint.
 const VELOCITY: usize = 9;
-const TIP_VELOCITY: usize = 31;
-const JOINT_VELOCITY: usize = 37;
+const TIP_VELOCITY: usize = 34;
+const JOINT_VELOCITY: usize = 40;
 /// What pushes the tip pushes the inner joint by this share.
 const JOINT_SHARE: f64 = 0.5;
 

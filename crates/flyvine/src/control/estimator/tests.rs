@@ -153,7 +153,7 @@ fn what_cannot_be_estimated_is_named() {
             .unwrap_err()
             .to_string()
     };
-    assert!(refused(&NoiseLevels::PHYSICAL, &start[1..]).contains("39 entries; expected the model's 40"));
+    assert!(refused(&NoiseLevels::PHYSICAL, &start[1..]).contains("42 entries; expected the model's 43"));
     let mut noise = NoiseLevels::PHYSICAL;
     noise.process.attitude = f64::NAN;
     assert!(refused(&noise, &start).contains("process: found NaN"));

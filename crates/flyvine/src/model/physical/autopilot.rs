@@ -17,6 +17,8 @@ const THRUST_ROUNDING: f64 = 0.4;
 
 /// Rates of change of the autopilot's part of the state.
 pub struct AutopilotRates<S> {
+    /// d rate integrator / dt, rad/s³, body coordinates.
+    pub rate_integrator: Vector<S>,
     /// d integrator / dt, m/s³.
     pub integrator: Vector<S>,
     /// d filtered velocity / dt, m/s²: the measured acceleration.
@@ -75,14 +77,15 @@ pub fn autopilot<S: Scalar>(
         &(velocity_error - excess * (p.velocity_gain_xy.recip() * 2.0)),
     );
 
-    // Attitude and rate loops: ω_sp = 2 K vec(q* ⊗ q_sp), ω̇_sp = K_ω (ω_sp − ω).
+    // Attitude and rate loops: ω_sp = 2 K vec(q* ⊗ q_sp), ω̇_sp = K_ω (ω_sp − ω) + ∫ K_I (ω_sp − ω).
     let [rx, ry, rz] = rotation.half_rotation_to(&Attitude::from_up(&up_setpoint)).0;
     let error = Vector([rx, ry, rz * YAW_WEIGHT]) * (p.attitude_gain * 2.0);
-    let rate_setpoint = limit_vector(error, p.rate_limit);
+    let rate_error = limit_vector(error, p.rate_limit) - state.body_rate;
     AutopilotRates {
+        rate_integrator: rate_error * p.rate_integral_gain,
         integrator,
         filtered_velocity: acceleration,
         thrust_setpoint,
-        angular_acceleration_setpoint: (rate_setpoint - state.body_rate) * p.rate_gain,
+        angular_acceleration_setpoint: rate_error * p.rate_gain + state.rate_integrator,
     }
 }

@@ -22,13 +22,14 @@ const ATTITUDE_NOISE: f64 = 1e-3;
 
 /// Standard deviations of the state's blocks: what a pose leaves open at the start, and what one knot adds.
 /// In the order of the flat layout; m, s, rad.
-const BLOCKS: [(usize, f64, f64); 11] = [
+const BLOCKS: [(usize, f64, f64); 12] = [
     (3, 2e-3, 2e-4), // position
     (3, 2e-3, 1e-3), // attitude
     (3, 2e-3, 2e-4), // tip
     (3, 0.2, 1e-2),  // velocity
     (3, 0.3, 5e-2),  // body rate
     (3, 5.0, 0.5),   // angular acceleration
+    (3, 1.0, 0.1),   // rate integrator
     (3, 1.0, 1e-2),  // integrator
     (3, 0.05, 1e-2), // filtered velocity
     (1, 1.0, 0.1),   // thrust
@@ -49,7 +50,7 @@ pub struct Observer {
 impl Observer {
     /// Starts at a state guessed from poses.
     pub fn new(start: &State<f64>) -> Self {
-        let inner = (9 + 22 + 3..STATE_LEN).step_by(6).flat_map(|_| INNER_JOINT);
+        let inner = (9 + 25 + 3..STATE_LEN).step_by(6).flat_map(|_| INNER_JOINT);
         let deviations: Vec<(f64, f64)> = BLOCKS
             .into_iter()
             .chain(inner)
@@ -204,8 +205,8 @@ mod tests {
         let (truth, estimate) = (truth.last().unwrap(), estimates.last().unwrap());
         assert!(worst(truth, estimate, 0..9) < 2e-3, "outputs");
         assert!(worst(truth, estimate, 9..12) < 0.02, "velocity");
-        assert!(worst(truth, estimate, 18..21) < 0.05, "integrator");
-        assert!(worst(truth, estimate, 34..37) < 0.01, "inner joint");
+        assert!(worst(truth, estimate, 21..24) < 0.05, "integrator");
+        assert!(worst(truth, estimate, 37..40) < 0.01, "inner joint");
     }
 
     #[test]

@@ -93,9 +93,10 @@ parameters! {
     Vehicle attitude_gain: "1/s", 6.5 in 1.0..30.0, Log 0.5, "commanded body rate per attitude error";
     Vehicle rate_limit: "rad/s", 3.8 in 1.0..10.0, Log 0.3, "largest commanded body rate";
     Vehicle rate_gain: "1/s", 20.0 in 5.0..100.0, Log 0.5, "angular acceleration per body-rate error";
+    Vehicle rate_integral_gain: "1/s^2", 20.0 in 0.1..300.0, Log 1.0, "growth of the rate integrator per body-rate error";
     Vehicle rate_time_constant: "s", 0.03 in 0.005..0.1, Log 0.5, "lag of the angular acceleration (motors)";
     Vehicle thrust_time_constant: "s", 0.03 in 0.001..0.3, Log 0.5, "lag of the collective thrust (motors)";
-    Vehicle command_delay: "s", 0.03 in 0.0..0.1, Linear 0.03, "transport delay of the position command";
+    Vehicle command_delay: "s", 0.035 in 0.0..0.1, Linear 0.03, "transport delay of the position command";
     Vehicle quadrotor_drag: "1/s", 0.1 in 0.001..2.0, Log 1.0, "linear drag of the quadrotor per its mass";
     Vehicle arm_torque_gain: "1/m^2", 50.0 in 0.1..1000.0, Log 1.5, "quadrotor mass over its moment of inertia, as far as the rate loop lets the arm turn it";
     Arm base_offset: "m", 0.05 in -0.05..0.3, Linear 0.05, "arm's base below the quadrotor's reference point";

@@ -13,7 +13,7 @@ pub const LINKS: usize = 2;
 pub const COMMANDS: usize = 2;
 
 /// Length of the flat state: the nine outputs first, then what is hidden.
-pub const STATE_LEN: usize = 28 + 6 * LINKS;
+pub const STATE_LEN: usize = 31 + 6 * LINKS;
 
 /// Number of outputs `x ∈ R⁹`: quadrotor position, attitude vector part, end-effector position.
 pub const OUTPUT_LEN: usize = 9;
@@ -21,7 +21,7 @@ pub const OUTPUT_LEN: usize = 9;
 /// State of quadrotor, autopilot and arm. World frame unless said otherwise.
 ///
 /// Flat layout: position (3), attitude (3), tip (3) | velocity (3), body rate (3), angular acceleration (3),
-/// integrator (3), filtered velocity (3), thrust (1), commands (3 × [`COMMANDS`]), tip velocity (3) | for every inner
+/// rate integrator (3), integrator (3), filtered velocity (3), thrust (1), commands (3 × [`COMMANDS`]), tip velocity (3) | for every inner
 /// joint from the base outwards: position (3), velocity (3).
 #[derive(Debug, Clone, Copy)]
 pub struct State<S> {
@@ -35,6 +35,8 @@ pub struct State<S> {
     pub body_rate: Vector<S>,
     /// Angular acceleration that the motors produce, body coordinates, rad/s².
     pub angular_acceleration: Vector<S>,
+    /// Integrator of the rate loop, body coordinates, rad/s².
+    pub rate_integrator: Vector<S>,
     /// Integrator of the velocity loop, m/s².
     pub integrator: Vector<S>,
     /// Low-passed velocity, whose distance from the velocity gives the derivative term, m/s.
@@ -70,6 +72,7 @@ impl<S: Scalar> State<S> {
             velocity,
             body_rate: Vector::zero(),
             angular_acceleration: Vector::zero(),
+            rate_integrator: Vector::zero(),
             integrator: Vector::zero(),
             filtered_velocity: velocity,
             thrust: S::from(GRAVITY),
@@ -111,10 +114,10 @@ impl<S: Scalar> State<S> {
     pub fn from_flat(flat: &[S]) -> Self {
         let vector = |at: usize| Vector([flat[at], flat[at + 1], flat[at + 2]]);
         let mut points = [vector(6); LINKS];
-        let mut point_velocities = [vector(31); LINKS];
+        let mut point_velocities = [vector(34); LINKS];
         for joint in 0..LINKS - 1 {
-            points[joint] = vector(34 + 6 * joint);
-            point_velocities[joint] = vector(37 + 6 * joint);
+            points[joint] = vector(37 + 6 * joint);
+            point_velocities[joint] = vector(40 + 6 * joint);
         }
         State {
             position: vector(0),
@@ -122,10 +125,11 @@ impl<S: Scalar> State<S> {
             velocity: vector(9),
             body_rate: vector(12),
             angular_acceleration: vector(15),
-            integrator: vector(18),
-            filtered_velocity: vector(21),
-            thrust: flat[24],
-            commands: [vector(25), vector(28)],
+            rate_integrator: vector(18),
+            integrator: vector(21),
+            filtered_velocity: vector(24),
+            thrust: flat[27],
+            commands: [vector(28), vector(31)],
             points,
             point_velocities,
         }
@@ -140,16 +144,17 @@ impl<S: Scalar> State<S> {
         put(9, &self.velocity);
         put(12, &self.body_rate);
         put(15, &self.angular_acceleration);
-        put(18, &self.integrator);
-        put(21, &self.filtered_velocity);
-        put(25, &self.commands[0]);
-        put(28, &self.commands[1]);
-        put(31, &self.point_velocities[LINKS - 1]);
+        put(18, &self.rate_integrator);
+        put(21, &self.integrator);
+        put(24, &self.filtered_velocity);
+        put(28, &self.commands[0]);
+        put(31, &self.commands[1]);
+        put(34, &self.point_velocities[LINKS - 1]);
         for joint in 0..LINKS - 1 {
-            put(34 + 6 * joint, &self.points[joint]);
-            put(37 + 6 * joint, &self.point_velocities[joint]);
+            put(37 + 6 * joint, &self.points[joint]);
+            put(40 + 6 * joint, &self.point_velocities[joint]);
         }
-        flat[24] = self.thrust;
+        flat[27] = self.thrust;
     }
 
     /// The outputs `x ∈ R⁹`.
