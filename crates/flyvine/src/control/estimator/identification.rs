@@ -11,8 +11,9 @@
 //! motion capture measures. How strong the world's pushes are, calm flights do not say, and recorded commands arrive
 //! when the model says: those levels stay as they are typical of the family.
 //!
-//! Of the configurations the greatest level counts: a filter that trusts its model too much is slow to find out
-//! better, one that trusts it too little is only a little noisier.
+//! Of the configurations the greatest level counts, and none is less than what is typical: a filter that trusts its
+//! model too much is slow to find out better, and under feedback has been seen to shake the vehicle out of the room; one
+//! that trusts it too little is only a little noisier.
 
 use super::{Estimator, EstimatorError};
 use crate::flight::{Configuration, Flight, Sample};
@@ -78,7 +79,7 @@ pub enum NoiseError {
 /// A level that is looked for.
 struct Level {
     of: fn(&mut NoiseLevels) -> &mut f64,
-    /// Largest factor, up or down, from what is typical.
+    /// Largest factor up from what is typical.
     reach: f64,
 }
 
@@ -189,7 +190,7 @@ fn identify(
                     loop {
                         let mut tried = levels;
                         *of(&mut tried) *= change;
-                        if !(origin / reach..=origin * reach).contains(of(&mut tried)) {
+                        if !(origin..=origin * reach).contains(of(&mut tried)) {
                             break;
                         }
                         let likelihood = total(&recorded, &tried)?;

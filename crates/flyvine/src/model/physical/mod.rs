@@ -20,7 +20,7 @@
 //! # Use
 //!
 //! - [`PARAMETERS`] is the table of parameters: names, units, bounds, priors. [`Parameters::mean`] interpolates
-//!   between configurations: positive parameters geometrically, others arithmetically, lengths by the arm's own.
+//!   between configurations: of beams the compliance, of other positive parameters the logarithm, lengths by the arm's own.
 //! - [`fit_physical`]: flights of one configuration → [`PhysicalModel`] (serializable, with its provenance and
 //!   the posterior covariance); [`fit_configurations`]: of several configurations of one vehicle.
 //!   [`PhysicalModel::estimates`]: every parameter with its standard error, and whether it was determined.

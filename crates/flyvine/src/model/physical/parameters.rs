@@ -10,6 +10,9 @@ pub enum Scale {
     Linear,
     /// The logarithm of a positive parameter.
     Log,
+    /// The same of a beam's stiffness or damping. Between configurations its reciprocal is interpolated: how far a beam
+    /// bends under a moment is proportional to its length.
+    Beam,
 }
 
 /// What a parameter belongs to.
@@ -101,10 +104,10 @@ parameters! {
     Vehicle arm_torque_gain: "1/m^2", 50.0 in 0.1..1000.0, Log 1.5, "quadrotor mass over its moment of inertia, as far as the rate loop lets the arm turn it";
     Arm base_offset: "m", 0.05 in -0.05..0.3, Linear 0.05, "arm's base below the quadrotor's reference point";
     Arm joint_fraction: "1", 0.5 in 0.15..0.85, Linear 0.2, "inner joint's place along the arm, from the base";
-    Arm base_stiffness: "N m/(rad kg)", 0.5 in 0.001..50.0, Log 2.0, "bending stiffness of the joint at the base";
-    Arm joint_stiffness: "N m/(rad kg)", 0.5 in 0.001..50.0, Log 2.0, "bending stiffness of the inner joint";
-    Arm base_damping: "N m s/(rad kg)", 0.02 in 0.0005..5.0, Log 1.5, "viscous damping of the joint at the base";
-    Arm joint_damping: "N m s/(rad kg)", 0.02 in 0.0005..1.0, Log 1.5, "viscous damping of the inner joint";
+    Arm base_stiffness: "N m/(rad kg)", 0.5 in 0.001..50.0, Beam 2.0, "bending stiffness of the joint at the base";
+    Arm joint_stiffness: "N m/(rad kg)", 0.5 in 0.001..50.0, Beam 2.0, "bending stiffness of the inner joint";
+    Arm base_damping: "N m s/(rad kg)", 0.02 in 0.0005..5.0, Beam 1.5, "viscous damping of the joint at the base";
+    Arm joint_damping: "N m s/(rad kg)", 0.02 in 0.0005..1.0, Beam 1.5, "viscous damping of the inner joint";
     Arm tip_drag: "kg/m", 0.02 in 0.0005..0.5, Log 1.0, "quadratic air drag of the tip";
     Arm joint_drag: "kg/m", 0.01 in 0.0005..0.5, Log 1.0, "quadratic air drag of the inner mass";
     Arm tip_mass: "kg", 0.2 in 0.02..1.0, Log 0.5, "mass at the tip";
@@ -144,19 +147,28 @@ impl Parameters<f64> {
         }))
     }
 
-    /// Weighted mean in the coordinates: positive parameters geometrically, the others arithmetically. The
-    /// weights sum to one; the result is kept within the bounds.
+    /// Weighted mean, each parameter in its [`Scale`]: arithmetic, geometric, or (of a beam) harmonic. The weights sum
+    /// to one; the result is kept within the bounds.
     pub fn mean(parts: &[(f64, &Self)]) -> Self {
         if let [(1.0, only)] = parts {
             return **only; // to the last bit
         }
-        let mut sum = [0.0; PARAMETER_COUNT];
-        for (weight, part) in parts {
-            for (total, coordinate) in sum.iter_mut().zip(part.coordinates()) {
-                *total += weight * coordinate;
-            }
-        }
-        Self::from_coordinates(sum)
+        let values: Vec<_> = parts
+            .iter()
+            .map(|(weight, part)| (*weight, part.to_array()))
+            .collect();
+        Self::from_array(std::array::from_fn(|i| {
+            let info = &PARAMETERS[i];
+            let sum = |term: &dyn Fn(f64) -> f64| -> f64 {
+                values.iter().map(|(weight, value)| weight * term(value[i])).sum()
+            };
+            let mean = match info.scale {
+                Scale::Linear => sum(&|value| value),
+                Scale::Log => sum(&f64::ln).exp(),
+                Scale::Beam => 1.0 / sum(&f64::recip),
+            };
+            mean.clamp(info.lower, info.upper)
+        }))
     }
 
     /// This arm on another vehicle.
@@ -182,7 +194,7 @@ impl ParameterInfo {
     pub fn coordinate(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => value,
-            Scale::Log => value.ln(),
+            Scale::Log | Scale::Beam => value.ln(),
         }
     }
 
@@ -190,7 +202,7 @@ impl ParameterInfo {
     pub fn value(&self, coordinate: f64) -> f64 {
         match self.scale {
             Scale::Linear => coordinate,
-            Scale::Log => coordinate.exp(),
+            Scale::Log | Scale::Beam => coordinate.exp(),
         }
     }
 
@@ -198,7 +210,7 @@ impl ParameterInfo {
     pub fn value_slope(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => 1.0,
-            Scale::Log => value,
+            Scale::Log | Scale::Beam => value,
         }
     }
 }
@@ -217,12 +229,15 @@ mod tests {
     }
 
     #[test]
-    fn mean_is_geometric_for_stiffness_and_arithmetic_for_offsets() {
+    fn mean_is_that_of_the_parameters_scale() {
         let (mut soft, mut stiff) = (Parameters::defaults(), Parameters::defaults());
         (soft.base_stiffness, stiff.base_stiffness) = (0.1, 10.0);
         (soft.base_offset, stiff.base_offset) = (0.0, 0.1);
+        (soft.tip_mass, stiff.tip_mass) = (0.1, 0.4);
         let middle = Parameters::mean(&[(0.5, &soft), (0.5, &stiff)]);
-        assert!((middle.base_stiffness - 1.0).abs() < 1e-12);
+        // A beam of half the one and half the other bends as much as both halves.
+        assert!((1.0 / middle.base_stiffness - 5.05).abs() < 1e-12);
+        assert!((middle.tip_mass - 0.2).abs() < 1e-12);
         assert!((middle.base_offset - 0.05).abs() < 1e-12);
         assert_eq!(Parameters::mean(&[(1.0, &stiff)]), stiff);
     }

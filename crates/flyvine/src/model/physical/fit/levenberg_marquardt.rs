@@ -100,7 +100,7 @@ fn damped_step(
         let mut coordinates = own.coordinates();
         for (i, info) in PARAMETERS.iter().enumerate() {
             let longest = match info.scale {
-                Scale::Log => LONGEST_STEP.0,
+                Scale::Log | Scale::Beam => LONGEST_STEP.0,
                 Scale::Linear => LONGEST_STEP.1,
             };
             coordinates[i] += step[number * PARAMETER_COUNT + i].clamp(-longest, longest);
