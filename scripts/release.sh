@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# Builds a release archive for this machine's platform:
+# Builds a release archive and the Python wheel for this machine's platform:
 #
 #   scripts/release.sh [OUT_DIR]        default: target/dist
 #
 # OUT_DIR/flyvine-VERSION-TARGET.tar.gz holds the binary, shell completions, manual pages, examples, data, the guide's
 # sources, README, CHANGELOG and both licences; beside it its SHA-256. The same commit makes the same archive on the same
-# toolchain. Run it once on each platform that you release for.
+# toolchain. The wheel is scripts/wheel.sh's. Run it once on each platform that you release for.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=${1:-target/dist}
@@ -40,3 +40,4 @@ tar --sort=name --owner=0 --group=0 --numeric-owner --mtime="@$(git log -1 --for
     -C "$stage" -cf - "$name" | gzip -n > "$out/$name.tar.gz"
 (cd "$out" && sha256sum "$name.tar.gz" > "$name.tar.gz.sha256")
 echo "$out/$name.tar.gz"
+scripts/wheel.sh "$out"

@@ -1,8 +1,8 @@
-//! Vehicle files of the simulator.
+//! Vehicle files: the simulated vehicle, and its supervisor's limits.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {
-    let _ = flyvine::sim::VehicleParameters::from_toml(text);
+    let _ = flyvine::run::parse_vehicle_file(text, "fuzz");
 });

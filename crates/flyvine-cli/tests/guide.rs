@@ -1,4 +1,5 @@
-//! The guide: its commands work as printed, its pages are all in the summary, its links lead somewhere.
+//! The guide: its commands work as printed, its figures are theirs, its pages are all in the summary, its links lead
+//! somewhere.
 //!
 //! A block ` ```sh,run ` is run here, all of them in the order of the summary in one folder, which also holds the
 //! repository's `examples`. Blocks ` ```sh,slow ` take minutes and are run by
@@ -7,8 +8,12 @@
 //! cargo test --release -p flyvine-cli --test guide -- --ignored
 //! ```
 //!
-//! Plain ` ```sh ` blocks need a browser or another machine and are not run.
+//! Plain ` ```sh ` blocks need a browser, another machine or Python packages and are not run; their options are looked up.
+//!
+//! `![…](figures/NAME.svg "PATH")` shows what the commands make at PATH. With `FLYVINE_GUIDE_FIGURES=1` the figures are
+//! made anew.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -45,6 +50,7 @@ fn links(text: &str) -> Vec<String> {
     text.split("](")
         .skip(1)
         .filter_map(|rest| rest.split(')').next())
+        .map(|link| link.split(" \"").next().unwrap_or(link))
         .filter(|link| !link.is_empty())
         .map(str::to_owned)
         .collect()
@@ -102,8 +108,43 @@ fn run_blocks(wanted: &[&str]) -> usize {
             );
             count += 1;
         }
+        for (figure, made) in figures(&text) {
+            check_figure(&source().join(figure), &folder.path().join(made));
+        }
     }
     count
+}
+
+/// The figures of a chapter: its file, and what the commands make, `![…](FILE "MADE")`.
+fn figures(text: &str) -> Vec<(String, String)> {
+    let images = text.split("![").skip(1).filter_map(|rest| {
+        let (link, _) = rest.split_once("](")?.1.split_once(')')?;
+        let (file, made) = link.split_once(" \"")?;
+        Some((file.to_owned(), made.trim_end_matches('"').to_owned()))
+    });
+    images.collect()
+}
+
+/// A figure in the guide is the one that the commands make: its words and colours are the same. Its numbers may have
+/// moved since.
+fn check_figure(shown: &Path, made: &Path) {
+    let read = |path: &Path| {
+        std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    };
+    let fresh = read(made);
+    if std::env::var_os("FLYVINE_GUIDE_FIGURES").is_some_and(|value| value == "1") {
+        std::fs::write(shown, &fresh).unwrap();
+    }
+    let outline = |svg: &str| -> (BTreeSet<String>, BTreeSet<String>) {
+        let texts = svg.split('>').filter_map(|part| part.split('<').next());
+        let words = texts.map(|text| text.replace(|c: char| !c.is_alphabetic(), ""));
+        let colors = svg
+            .split("stroke=\"")
+            .skip(1)
+            .filter_map(|rest| rest.split('"').next());
+        (words.collect(), colors.map(str::to_owned).collect())
+    };
+    assert_eq!(outline(&read(shown)), outline(&fresh), "{}", shown.display());
 }
 
 #[test]
@@ -123,7 +164,7 @@ fn every_page_is_in_the_summary() {
     for entry in std::fs::read_dir(source()).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         assert!(
-            name == "SUMMARY.md" || listed.contains(&name),
+            !name.ends_with(".md") || name == "SUMMARY.md" || listed.contains(&name),
             "{name} is not in SUMMARY.md"
         );
     }
@@ -155,6 +196,36 @@ fn links_and_inclusions_lead_somewhere() {
             assert!(source().join(path).exists(), "{file}: {path}");
         }
     }
+}
+
+/// What is not run at least names commands and options that there are.
+#[test]
+fn options_that_are_printed_exist() {
+    let mut looked_up = 0;
+    for (file, text) in chapters() {
+        for (line, script) in blocks(&text, &["sh", "sh,run", "sh,slow"]) {
+            for command in script.replace("\\\n", " ").lines() {
+                let mut words = command
+                    .split_whitespace()
+                    .skip_while(|word| *word != "flyvine")
+                    .skip(1);
+                let Some(name) = words.next().filter(|name| !name.starts_with('-')) else {
+                    continue;
+                };
+                let help = flyvine().args([name, "--help"]).assert().success();
+                let help = String::from_utf8_lossy(&help.get_output().stdout).into_owned();
+                let options = words
+                    .take_while(|word| !["||", "|", "#"].contains(word))
+                    .filter(|word| word.starts_with("--"));
+                for option in options {
+                    let known = help.split([' ', '\n', ',', '[', '=']).any(|word| word == option);
+                    assert!(known, "{file}, line {line}: `flyvine {name}` has no {option}");
+                    looked_up += 1;
+                }
+            }
+        }
+    }
+    assert!(looked_up > 60);
 }
 
 /// The anchor that mdBook gives a heading.

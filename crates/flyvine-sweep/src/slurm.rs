@@ -15,8 +15,8 @@ pub struct SlurmOptions {
     pub time: String,
 }
 
-/// The script for `sbatch`: job i computes shard i. A job that is killed is submitted again by SLURM, and goes on where
-/// its journal ends.
+/// The script for `sbatch`: job i computes shard i. A job whose node fails, or that is preempted, SLURM queues again; it goes
+/// on where its journal ends.
 pub fn slurm_script(name: &str, options: &SlurmOptions) -> String {
     let SlurmOptions {
         sweep,

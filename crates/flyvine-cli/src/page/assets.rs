@@ -32,7 +32,6 @@ pub const ASSETS: [Asset; 13] = [
     asset!("app.js", SCRIPT, "src/app.js"),
     asset!("flight.js", SCRIPT, "src/flight.js"),
     asset!("live.js", SCRIPT, "src/live.js"),
-    asset!("models.js", SCRIPT, "src/models.js"),
     asset!("plots.js", SCRIPT, "src/plots.js"),
     asset!("scene.js", SCRIPT, "src/scene.js"),
     asset!("theme.js", SCRIPT, "src/theme.js"),
@@ -42,6 +41,11 @@ pub const ASSETS: [Asset; 13] = [
         "vendor/uplot/uPlot.iife.min.js"
     ),
     asset!("vendor/uPlot.min.css", CSS, "vendor/uplot/uPlot.min.css"),
+    Asset {
+        path: "models.js",
+        content_type: SCRIPT,
+        bytes: flyvine::report::MODELS.as_bytes(),
+    },
     Asset {
         path: "vendor/three.min.js",
         content_type: SCRIPT,

@@ -2,7 +2,9 @@
 // The 3-D scene: room, vehicles, paths. It draws the shown flights at one (fractional) row; what to show and when is
 // the page's business.
 
-import { THREE, buildCommandMarker, buildQuadrotor, buildRoom, buildTarget, makeLine, writeLine } from "./models.js";
+import {
+  THREE, armCurve, between, buildCommandMarker, buildLights, buildQuadrotor, buildRoom, buildTarget, makeLine, mix, writeLine,
+} from "./models.js";
 import { isDark, onTheme, themeColor } from "./theme.js";
 
 /** @typedef {import("./flight.js").Flight} Flight */
@@ -42,19 +44,9 @@ export class Scene {
     this.background = "";
     this.view = "orbit";
     this.resize();
-    this.addLights();
+    this.scene.add(buildLights(1024));
     this.setTheme();
     this.setView("orbit");
-  }
-
-  addLights() {
-    this.scene.add(new THREE.HemisphereLight("#ffffff", "#c9d2d9", 2.2));
-    const sun = new THREE.DirectionalLight("#ffffff", 1.9);
-    sun.position.set(1.2, -1.6, 7);
-    sun.castShadow = true;
-    sun.shadow.mapSize.set(1024, 1024);
-    Object.assign(sun.shadow.camera, { left: -3.2, right: 3.2, top: 3.2, bottom: -3.2, near: 1, far: 12 });
-    this.scene.add(sun);
   }
 
   setTheme() {
@@ -250,8 +242,6 @@ class Actor {
   }
 
   /**
-   * The arm's centre line: as the vehicle reported it, or else a cantilever's: leaving along the body's down axis,
-   * without curvature at the free end.
    * @param {number[]} quadrotor
    * @param {any} attitude
    * @param {number[]} tip
@@ -260,49 +250,14 @@ class Actor {
    * @param {number} f
    */
   bendArm(quadrotor, attitude, tip, k, next, f) {
-    const arm = this.flight.arm;
-    let curve;
-    if (arm && arm[k] && arm[next]) {
-      // The first node is the arm's clamp, below the body that holds it.
-      const nodes = arm[k].map((node, i) => new THREE.Vector3(...mix(node, arm[next][i], f)));
-      curve = new THREE.CatmullRomCurve3([new THREE.Vector3(...quadrotor), ...nodes]);
-    } else {
-      const base = new THREE.Vector3(...quadrotor);
-      const end = new THREE.Vector3(...tip);
-      const down = new THREE.Vector3(0, 0, -1).applyQuaternion(attitude);
-      const first = base.clone().addScaledVector(down, base.distanceTo(end) / 3);
-      const second = first.clone().add(end).multiplyScalar(0.5);
-      curve = new THREE.CubicBezierCurve3(base, first, second, end);
-    }
+    const [before, after] = [this.flight.arm?.[k], this.flight.arm?.[next]];
+    const nodes = before && after ? before.map((node, i) => mix(node, after[i], f)) : null;
     this.arm.geometry.dispose();
-    this.arm.geometry = new THREE.TubeGeometry(curve, 28, 0.024, 12);
+    this.arm.geometry = new THREE.TubeGeometry(armCurve(quadrotor, attitude, tip, nodes), 28, 0.024, 12);
   }
 }
 
 /** @type {(position: any) => position is import("./flight.js").Position} */
 function isSeen(position) {
   return Boolean(position);
-}
-
-/**
- * @param {number[]} a
- * @param {number[]} b
- * @param {number} f
- * @returns {any}
- */
-function mix(a, b, f) {
-  return a.map((v, i) => v + f * (b[i] - v));
-}
-
-/**
- * The position between two rows, or whichever of them was seen, or null.
- * @param {(number[] | null)[]} positions
- * @param {number} k
- * @param {number} next
- * @param {number} f
- * @returns {any}
- */
-function between(positions, k, next, f) {
-  const [a, b] = [positions[k], positions[next]];
-  return a && b ? mix(a, b, f) : a || b || null;
 }

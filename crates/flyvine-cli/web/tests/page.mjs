@@ -3,10 +3,10 @@
 
 import assert from "node:assert/strict";
 import { spawn, spawnSync } from "node:child_process";
-import { existsSync, mkdtempSync, writeFileSync } from "node:fs";
+import { cpSync, existsSync, mkdirSync, mkdtempSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { dirname, join } from "node:path";
-import { fileURLToPath } from "node:url";
+import { fileURLToPath, pathToFileURL } from "node:url";
 
 import { chromium } from "playwright-core";
 
@@ -34,6 +34,8 @@ const started = [];
 try {
   if (runFolder === null) run("demo", "--out", (runFolder = file("run")));
   await views();
+  await severalRuns();
+  await report();
   await guards();
   await live();
   await aborts();
@@ -201,6 +203,46 @@ async function looks(page) {
   const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
   assert.ok(overflow <= 0, `a narrow window scrolls sideways by ${overflow} px`);
   await page.screenshot({ path: join(shots, "narrow.png") });
+}
+
+/** Flights of several runs stand side by side, each with where it is from. */
+async function severalRuns() {
+  const experiment = (name) => join(runFolder, "experiments", name);
+  const runs = [file("one"), file("two")];
+  for (const folder of runs) {
+    mkdirSync(join(folder, "experiments"), { recursive: true });
+    cpSync(experiment("lemniscate_10s_ES"), join(folder, "experiments", "lemniscate_10s_ES"), { recursive: true });
+  }
+  const { url, child } = serve("view", ...runs);
+  const page = await open(await url);
+  const titles = await page.evaluate(() => flyvine.flights.map((flight) => flight.title.split(": ")[0]));
+  assert.deepEqual(titles, ["one", "two"]);
+  await page.keyboard.press("Shift+2");
+  assert.deepEqual(await page.evaluate(() => flyvine.shown), [0, 1]);
+  assert.deepEqual(page.complaints, []);
+  await page.close();
+  child.kill();
+}
+
+/** The report's own replay works from a file, and at 1200 px no table needs to be scrolled sideways. */
+async function report() {
+  const page = await browser.newPage({ viewport: { width: 1200, height: 900 } });
+  const complaints = [];
+  page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
+  page.on("pageerror", (error) => complaints.push(error.stack));
+  await page.goto(pathToFileURL(join(runFolder, "report.html")).href);
+  const time = page.locator("#replay-time");
+  const start = await time.textContent();
+  assert.match(start, /^0\.00 s of /);
+  await page.locator("#replay-play").click();
+  await page.waitForFunction((start) => document.getElementById("replay-time").textContent !== start, start);
+  const hidden = await page.evaluate(() =>
+    [...document.querySelectorAll(".scroll")].map((box) => box.scrollWidth - box.clientWidth).filter((px) => px > 0),
+  );
+  assert.deepEqual(hidden, [], "pixels of tables that are out of sight");
+  await page.screenshot({ path: join(shots, "report.png") });
+  assert.deepEqual(complaints, []);
+  await page.close();
 }
 
 /** The address is secret, and only pages of this server may ask. */

@@ -12,6 +12,8 @@ const STYLE: &str = include_str!("assets/style.css");
 const REPLAY: &str = include_str!("assets/replay.html");
 /// three.js as a classic script that defines `THREE`: what `assets/three/entry.js` names of it.
 pub const THREE: &str = include_str!("assets/three/three.min.js");
+/// What stands in a 3-D scene, as a JavaScript module that wants [`THREE`].
+pub const MODELS: &str = include_str!("assets/models.js");
 const SCENE: &str = include_str!("assets/scene.js");
 const PLAYER: &str = include_str!("assets/player.js");
 
@@ -23,7 +25,7 @@ pub fn html(results: &Results) -> Result<String, ReportError> {
         let data = json_in_script(&replay_json(&experiments, &palette)?);
         format!(
             "<script type=\"application/json\" id=\"replay-data\">{data}</script>\n\
-             <script>{THREE}</script>\n<script>{SCENE}</script>\n<script>{PLAYER}</script>"
+             <script>{THREE}</script>\n<script type=\"module\">{MODELS}{SCENE}{PLAYER}</script>"
         )
     } else {
         String::new()

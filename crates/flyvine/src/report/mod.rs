@@ -20,7 +20,7 @@ mod tests;
 
 pub use figures::{ErrorDistribution, SuccessMap, error_distributions, success_map};
 pub use figures::{Figure, figures};
-pub use html::{THREE, html};
+pub use html::{MODELS, THREE, html};
 pub use replay::{ReplayTrack, replay_tracks};
 pub use results::{
     Against, Experiment, ExperimentKind, Finding, FlightRollout, HorizonError, ModelDiagnostics, ReportError,

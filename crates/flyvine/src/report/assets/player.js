@@ -1,4 +1,3 @@
-"use strict";
 // The replay's controls: which experiment, where in time, how fast. Rows are the flight's samples.
 
 (() => {

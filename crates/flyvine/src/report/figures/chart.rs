@@ -101,10 +101,15 @@ impl Axis {
         if self.scale == Scale::Log {
             let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
             let inside = |v: &f64| (self.low * 0.999..=self.high * 1.001).contains(v);
-            let ticks: Vec<f64> = decades
-                .flat_map(|d| [1.0, 2.0, 5.0].map(|m| m * 10.0_f64.powi(d)))
-                .filter(inside)
-                .collect();
+            let at = |mantissas: &[f64]| -> Vec<f64> {
+                let decades = decades.clone().map(|d| 10.0_f64.powi(d));
+                let ticks = decades.flat_map(|decade| mantissas.iter().map(move |m| m * decade));
+                ticks.filter(inside).collect()
+            };
+            let mut ticks = at(&[1.0, 2.0, 5.0]);
+            if ticks.len() < 3 {
+                ticks = at(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0]);
+            }
             let decimals = ticks
                 .first()
                 .map_or(0, |v| (-v.log10().floor()).max(0.0) as usize);
@@ -306,6 +311,9 @@ mod tests {
         let axis = Axis::log_around("", [1.3, 42.0, f64::NAN, -1.0].into_iter());
         assert!(axis.low < 1.3 && axis.high > 42.0);
         assert_eq!(axis.ticks(5).0, vec![1.0, 2.0, 5.0, 10.0, 20.0, 50.0]);
+        // Less than a decade has values between.
+        let narrow = Axis::log_around("", [3.5, 6.7].into_iter());
+        assert_eq!(narrow.ticks(5).0, vec![3.0, 4.0, 5.0, 6.0, 8.0]);
     }
 
     #[test]

@@ -33,7 +33,8 @@ pub struct SuccessMap {
 pub struct ErrorDistribution {
     /// What the group has in common.
     pub label: String,
-    /// Mean end-effector errors of its flights, m, ascending; infinite for a flight that did not end well.
+    /// Errors of its flights, m, ascending: swings' misses of the target, otherwise mean end-effector errors; infinite for
+    /// a flight that did not end well.
     pub errors_m: Vec<f64>,
 }
 
@@ -106,7 +107,10 @@ pub fn error_distributions(name: &str, groups: &[ErrorDistribution]) -> Figure {
         26.0 * legend.len() as f64 + TITLE_ROOM + CHART[1] + BOTTOM_ROOM,
     );
     let used = draw_legend(&mut canvas, [LEFT_ROOM, 4.0], CHART[0], &legend);
-    let x = Axis::log_around("mean 3-D end-effector error (cm)", groups.iter().flat_map(finite));
+    let x = Axis::log_around(
+        "mean end-effector error, of swings the target miss (cm)",
+        groups.iter().flat_map(finite),
+    );
     let start = x.low;
     let panel = Panel::draw(
         &mut canvas,
@@ -133,10 +137,10 @@ pub fn error_distributions(name: &str, groups: &[ErrorDistribution]) -> Figure {
         name: name.to_owned(),
         title: "Distribution of errors".into(),
         caption:
-            "Share of flights whose mean end-effector error is at most so large; a curve that ends below 1 \
-                  belongs to a group of which some flights did not end well."
+            "Share of flights whose mean end-effector error (of swings: miss of the target) is at most so large; a \
+                  curve that ends below 1 belongs to a group of which some flights did not end well."
                 .into(),
-        svg: canvas.finish("Cumulative distribution of mean end-effector errors"),
+        svg: canvas.finish("Cumulative distribution of end-effector errors"),
     }
 }
 

@@ -1,7 +1,8 @@
 // @ts-check
-// What stands in the scene: quadrotor, room, labels, lines.
+// What stands in a scene: quadrotor, arm, room, labels, lines; of report.html, which has this file in its module script,
+// and of the page of `flyvine view`, which imports it. World frame ENU, z up, metres.
 
-/** @type {any} three.js, from vendor/three.min.js */
+/** @type {any} three.js, a classic script before */
 export const THREE = /** @type {any} */ (globalThis).THREE;
 
 /** An X quadrotor, 0.36 m from motor to motor; the orange arms point forward (+x of the body). */
@@ -63,12 +64,12 @@ export function buildRoom(colors) {
     room.add(new THREE.LineSegments(geometry, new THREE.LineBasicMaterial({ color })));
   }
   /** @type {[string, number[]][]} */
-  const axes = [["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]];
+  const axes = [["x east", [1, 0, 0]], ["y north", [0, 1, 0]], ["z up", [0, 0, 1]]];
   axes.forEach(([name, direction], i) => {
     const line = makeLine({ color: colors.axes[i], linewidth: 3 });
     writeLine(line, [[0, 0, 0.004], direction.map((v, axis) => 0.3 * v + (axis === 2 ? 0.004 : 0))]);
     const label = buildLabel(name, colors.axes[i], 0.11);
-    label.position.set(...direction.map((v) => 0.38 * v));
+    label.position.set(...direction.map((v) => 0.42 * v));
     room.add(line, label);
   });
   for (const metre of [-2, -1, 0, 1, 2]) {
@@ -116,6 +117,37 @@ export function buildTarget(target, limits, color) {
   if (x !== null) addLimit(1.0, 2.2, (wall) => { wall.rotation.y = Math.PI / 2; wall.position.set(x, 0, 1.1); });
   if (z !== null) addLimit(2.6, 1.0, (wall) => wall.position.set((x ?? 1) - 1.3, 0, z));
   return group;
+}
+
+/** @param {number} shadowPixels size of the sun's shadow map */
+export function buildLights(shadowPixels) {
+  const lights = new THREE.Group();
+  const sun = new THREE.DirectionalLight("#ffffff", 1.9);
+  sun.position.set(1.2, -1.6, 7);
+  sun.castShadow = true;
+  sun.shadow.mapSize.set(shadowPixels, shadowPixels);
+  Object.assign(sun.shadow.camera, { left: -3.2, right: 3.2, top: 3.2, bottom: -3.2, near: 1, far: 12 });
+  lights.add(new THREE.HemisphereLight("#ffffff", "#c9d2d9", 2.2), sun);
+  return lights;
+}
+
+/**
+ * The arm's centre line: as the vehicle reported it, or else a cantilever's: leaving along the body's down axis, without
+ * curvature at the free end.
+ * @param {number[]} quadrotor
+ * @param {any} attitude
+ * @param {number[]} tip
+ * @param {number[][] | null} nodes from the clamp to the tip
+ */
+export function armCurve(quadrotor, attitude, tip, nodes) {
+  const base = new THREE.Vector3(...quadrotor);
+  // The first node is the arm's clamp, below the body that holds it.
+  if (nodes) return new THREE.CatmullRomCurve3([base, ...nodes.map((node) => new THREE.Vector3(...node))]);
+  const end = new THREE.Vector3(...tip);
+  const down = new THREE.Vector3(0, 0, -1).applyQuaternion(attitude);
+  const first = base.clone().addScaledVector(down, base.distanceTo(end) / 3);
+  const second = first.clone().add(end).multiplyScalar(0.5);
+  return new THREE.CubicBezierCurve3(base, first, second, end);
 }
 
 /** @param {string} color */
@@ -176,4 +208,26 @@ function buildLabel(text, color, height) {
   const label = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false }));
   label.scale.set((height * canvas.width) / canvas.height, height, 1);
   return label;
+}
+
+/**
+ * @param {number[]} a
+ * @param {number[]} b
+ * @param {number} f
+ */
+export function mix(a, b, f) {
+  return a.map((v, i) => v + f * (b[i] - v));
+}
+
+/**
+ * The position between two rows, or whichever of them was seen, or null.
+ * @param {(number[] | null)[]} positions
+ * @param {number} k
+ * @param {number} next
+ * @param {number} f
+ * @returns {any}
+ */
+export function between(positions, k, next, f) {
+  const [a, b] = [positions[k], positions[next]];
+  return a && b ? mix(a, b, f) : a || b || null;
 }
