@@ -7,6 +7,7 @@ mod check;
 mod completions;
 mod console;
 mod convert;
+mod convert_parquet;
 mod demo;
 mod excite;
 mod fit;
