@@ -10,6 +10,7 @@ use flyvine::task::{read_plan, write_plan_csv};
 
 use crate::console::say;
 use crate::convert_parquet::{read_parquet, write_parquet};
+use crate::convert_ros::read_ros2_bag;
 use crate::outcome::{Blame, CommandResult, Outcome, bad_input};
 
 /// Convert a recording between flyvine's CSV, MCAP and Parquet, or a plan to a CSV of its commands.
@@ -20,6 +21,7 @@ use crate::outcome::{Blame, CommandResult, Outcome, bad_input};
 ///
 ///   flyvine convert --mapping examples/mappings/crazyflie_slung.toml log201.csv flight.csv
 ///   flyvine convert flight.mcap flight.parquet
+///   flyvine convert --topics examples/mappings/ros2.toml bag/bag_0.mcap flight.csv
 ///   flyvine convert plan.json commands.csv
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
@@ -33,6 +35,9 @@ pub struct ConvertArguments {
     /// Column mapping of a recording in another format.
     #[arg(long, value_name = "MAPPING.toml")]
     mapping: Option<PathBuf>,
+    /// Which topics of a ROS 2 bag (.mcap) hold the flight: examples/mappings/ros2.toml.
+    #[arg(long, value_name = "TOPICS.toml", conflicts_with = "mapping")]
+    topics: Option<PathBuf>,
 }
 
 /// Runs `flyvine convert`.
@@ -45,13 +50,14 @@ pub fn run(arguments: &ConvertArguments) -> CommandResult {
             write_plan_csv(output, &plan).or_internal()?;
         }
         ("csv" | "txt" | "tsv" | "mcap" | "parquet", "csv" | "mcap" | "parquet") => {
-            let (mut flight, is_cut) = match &arguments.mapping {
-                Some(mapping) => (
+            let (mut flight, is_cut) = match (&arguments.mapping, &arguments.topics) {
+                (_, Some(topics)) => (read_ros2_bag(input, topics).or_input()?, false),
+                (Some(mapping), None) => (
                     Mapping::read(mapping).or_input()?.read_flight(input).or_input()?,
                     false,
                 ),
-                None if extension(input) == "parquet" => (read_parquet(input).or_input()?, false),
-                None => read_or_recover(input).or_input()?,
+                (None, None) if extension(input) == "parquet" => (read_parquet(input).or_input()?, false),
+                (None, None) => read_or_recover(input).or_input()?,
             };
             let report = clean(&mut flight, &HygieneOptions::default());
             if !report.findings.is_empty() {

@@ -8,6 +8,7 @@ mod completions;
 mod console;
 mod convert;
 mod convert_parquet;
+mod convert_ros;
 mod demo;
 mod excite;
 mod fit;

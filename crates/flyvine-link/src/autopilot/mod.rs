@@ -44,5 +44,5 @@ pub use pose_source::{LatestPoses, MocapPoses, PoseSource, Stamped};
 pub use profile::{Profile, px4_mode};
 pub use telemetry::Telemetry;
 pub use tick_times::{LATE_S, TickReport, TickTimes};
-pub use vehicle::{AutopilotVehicle, Flags, Heard, Station};
+pub use vehicle::{AutopilotVehicle, Flags, Heard, Listener, Station};
 pub use wire::{SerialWire, UdpWire, Wire, WireError, open};

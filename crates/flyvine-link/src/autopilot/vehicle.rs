@@ -55,6 +55,9 @@ pub struct Heard {
     pub autopilot_heard_s: f64,
 }
 
+/// Whoever wants to know what the wires say. It must not block.
+pub type Listener = Box<dyn FnMut(&Heard)>;
+
 /// Flags that other threads may raise.
 #[derive(Debug, Clone, Default)]
 pub struct Flags {
@@ -81,7 +84,7 @@ pub struct AutopilotVehicle {
     times: TickTimes,
     health: Option<Health>,
     notes: Vec<String>,
-    listener: Option<Box<dyn FnMut(&Heard)>>,
+    listener: Option<Listener>,
     bytes: Vec<u8>,
 }
 
@@ -116,9 +119,8 @@ impl AutopilotVehicle {
         }
     }
 
-    /// From now on `listener` is told of what the wires say, at every look at them: some 200 times a second. It must not
-    /// block.
-    pub fn listen(&mut self, listener: Box<dyn FnMut(&Heard)>) {
+    /// From now on `listener` is told of what the wires say, at every look at them: some 200 times a second.
+    pub fn listen(&mut self, listener: Listener) {
         self.listener = Some(listener);
     }
 
