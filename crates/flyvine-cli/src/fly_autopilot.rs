@@ -100,6 +100,8 @@ pub fn fly_on_autopilot(
     ] {
         signal_hook::flag::register(signal, Arc::clone(&flags.interrupted)).or_internal()?;
     }
+    // A file that may not grow is a write that fails, not the end of the process.
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()).or_internal()?;
     let options = LinkOptions {
         profile: match arguments.autopilot {
             ProfileChoice::Px4 => Profile::Px4,
@@ -160,7 +162,9 @@ pub fn fly_on_autopilot(
             say(&describe(&report));
             if let Some(path) = &arguments.ticks {
                 let json = serde_json::to_vec_pretty(&report).or_internal()?;
-                flyvine::file::write_whole(path, &json).or_internal()?;
+                if let Err(error) = flyvine::file::write_whole(path, &json) {
+                    say(&format!("warning: {}: {error}", path.display()));
+                }
             }
         }
         Ok(flight)
@@ -212,7 +216,10 @@ impl Recorded<'_> {
         say_notes(&notes);
         let mut log = log.borrow_mut();
         notes.iter().for_each(|note| log.note(note));
-        log.finish().or_internal()?;
+        // The flight has ended for it, if it failed before.
+        if let Err(error) = log.finish() {
+            say(&format!("warning: {error}"));
+        }
         if let Some(session) = session.into_inner() {
             say_end(session, &outcome.end);
         }

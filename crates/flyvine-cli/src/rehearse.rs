@@ -21,8 +21,8 @@ use flyvine::run::score_flight;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, PlanOptions, Task, make_plan, read_plan, write_plan};
 use flyvine_link::autopilot::TickReport;
-use flyvine_link::rehearsal::{FaultKind, rig_bodies, wired_limits};
-use rustix::process::{Pid, Signal, kill_process};
+use flyvine_link::rehearsal::{FaultKind, STALL_S, rig_bodies, wired_limits};
+use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -38,6 +38,8 @@ use crate::rehearse_vehicle::{RigArguments, Served, read_script};
 const ERROR_BAR: f64 = 0.1;
 /// The 99.9th percentile of the set-points' jitter, ms.
 const JITTER_BAR_MS: f64 = 5.0;
+/// How long a process may take to end in good order.
+const END_PATIENCE: Duration = Duration::from_secs(2);
 /// How long the vehicle's end may take to start.
 const START_PATIENCE: Duration = Duration::from_secs(20);
 /// Time that a flight may take beyond its plan: checklist, take-off, abort ladder, landing.
@@ -113,7 +115,7 @@ pub fn run(arguments: &RehearseArguments) -> CommandResult {
         ));
     }
     if let Some(path) = &arguments.fault {
-        read_script(path)?;
+        arguments.rig.check(&read_script(path)?)?;
     }
     let plan = plan(arguments)?;
     std::fs::create_dir_all(folder).or_internal()?;
@@ -272,10 +274,14 @@ fn watch(
     limit: Duration,
 ) -> Result<Option<i32>, Failure> {
     let begun = Instant::now();
-    let killed = serde_json::to_string(&FaultKind::BaseKilled).or_internal()?;
+    let faults = [FaultKind::BaseKilled, FaultKind::BaseStalls, FaultKind::DiskFull].map(|kind| {
+        let name = serde_json::to_string(&kind).expect("a name is a string");
+        (kind, name)
+    });
     loop {
-        if record_events(folder, events)?.contains(&killed) {
-            base.kill();
+        let told = record_events(folder, events)?;
+        for (kind, _) in faults.iter().filter(|(_, name)| told.contains(&**name)) {
+            base.suffer(*kind)?;
         }
         if let Some(status) = base.child.try_wait().or_internal()? {
             return Ok(status.code());
@@ -338,6 +344,29 @@ impl Process {
         receiver
     }
 
+    /// What the script does to this process.
+    fn suffer(&mut self, kind: FaultKind) -> Result<(), Failure> {
+        let pid = Pid::from_child(&self.child);
+        match kind {
+            FaultKind::BaseKilled => self.kill(),
+            FaultKind::BaseStalls => {
+                kill_process(pid, Signal::STOP).or_internal()?;
+                std::thread::sleep(Duration::from_secs_f64(STALL_S));
+                kill_process(pid, Signal::CONT).or_internal()?;
+            }
+            // Its files may not grow any more.
+            FaultKind::DiskFull => {
+                let full = Rlimit {
+                    current: Some(0),
+                    maximum: None,
+                };
+                prlimit(Some(pid), Resource::Fsize, full).or_internal()?;
+            }
+            _ => (),
+        }
+        Ok(())
+    }
+
     fn kill(&mut self) {
         // It may have ended by itself.
         let _ = self.child.kill();
@@ -349,7 +378,13 @@ impl Drop for Process {
         if let Ok(None) = self.child.try_wait() {
             let pid = Pid::from_child(&self.child);
             let _ = kill_process(pid, Signal::TERM);
-            std::thread::sleep(Duration::from_millis(100));
+            // It may have an emulator to end, too.
+            let begun = Instant::now();
+            while let Ok(None) = self.child.try_wait()
+                && begun.elapsed() < END_PATIENCE
+            {
+                std::thread::sleep(Duration::from_millis(10));
+            }
             self.kill();
         }
         let _ = self.child.wait();

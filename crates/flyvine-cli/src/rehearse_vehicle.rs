@@ -37,6 +37,27 @@ pub struct RigArguments {
 }
 
 impl RigArguments {
+    /// Refuses a script that could not be followed.
+    pub fn check(&self, script: &Script) -> Result<(), Failure> {
+        for fault in &script.fault {
+            match fault.kind {
+                FaultKind::SolverLate => {
+                    return bad_input(
+                        "solver-late: only under a virtual clock (the campaign of CONTRIBUTING.md); here, base-stalls"
+                            .to_owned(),
+                    );
+                }
+                FaultKind::ArmFault if self.arm_firmware.is_some() => {
+                    return bad_input(
+                        "arm-fault: only of the software arm, without --arm-firmware".to_owned(),
+                    );
+                }
+                _ => (),
+            }
+        }
+        Ok(())
+    }
+
     /// As arguments of another process.
     pub fn pass_on(&self, command: &mut Command) {
         let protocol = self.mocap_protocol.to_possible_value().expect("none is hidden");
@@ -109,6 +130,7 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
         .map(read_script)
         .transpose()?
         .unwrap_or_default();
+    arguments.rig.check(&script)?;
     let configuration = Configuration {
         length_m: arguments.length_m,
         pressure_kpa: arguments.pressure_kpa,
@@ -135,7 +157,7 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
     let wire = UdpWire::call(arguments.autopilot)
         .with_context(|| format!("--autopilot {}", arguments.autopilot))
         .or_input()?;
-    let (_qemu, board) = board.map(|board| (board.qemu, board.line)).unzip();
+    let (mut qemu, board) = board.map(|board| (board.qemu, board.line)).unzip();
     let mut ends = Ends {
         autopilot: Box::new(wire),
         mocap: Some(mocap),
@@ -150,6 +172,8 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
         // Whoever started it may be gone; the vehicle flies on.
         let _ = print_json(&line);
         if event == RigEvent::Fault(FaultKind::VehicleKilled) {
+            // All of the vehicle's end falls silent.
+            drop(qemu.take());
             let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
         }
     })

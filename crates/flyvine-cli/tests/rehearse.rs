@@ -42,7 +42,13 @@ fn rehearse(plan: &Path, folder: &Path, more: &[&str]) -> Process {
         .arg(folder)
         .arg("--json")
         .args(more);
-    Process(command.stdout(Stdio::null()).spawn().unwrap())
+    Process(
+        command
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    )
 }
 
 /// The exit code, within two minutes.
@@ -104,7 +110,7 @@ fn ctrl_c_is_an_abort_that_lands() {
     let folder = scratch.path().join("run");
     let mut rehearsal = rehearse(&plan("lemniscate_10s_ES"), &folder, &[]);
     wait_for_phase(&folder, "flight");
-    std::thread::sleep(Duration::from_secs(1));
+    std::thread::sleep(Duration::from_millis(300));
     kill_process(Pid::from_child(&rehearsal.0), Signal::INT).unwrap();
     assert_eq!(end(&mut rehearsal), Some(3));
     assert_eq!(json(&folder.join("rehearsal.json"))["base_exit_code"], 3);
@@ -183,6 +189,36 @@ fn a_killed_base_station_leaves_a_flight_that_is_read_back() {
         String::from_utf8_lossy(&score.stdout).contains("reference"),
         "{score:?}"
     );
+}
+
+#[test]
+fn a_full_disk_ends_the_flight_on_the_ground() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (folder, script) = (scratch.path().join("run"), scratch.path().join("full.toml"));
+    std::fs::write(
+        &script,
+        "[[fault]]\nkind = \"disk-full\"\nphase = \"flight\"\nafter_s = 1.0\n",
+    )
+    .unwrap();
+    let plan = plan("lemniscate_10s_ES");
+    let mut rehearsal = rehearse(&plan, &folder, &["--fault", script.to_str().unwrap()]);
+    assert_eq!(end(&mut rehearsal), Some(3));
+    let said = std::io::read_to_string(rehearsal.0.stderr.take().unwrap()).unwrap();
+    assert!(said.contains("abort: the recording cannot be written"), "{said}");
+    assert!(
+        phases(&folder).iter().any(|phase| phase == "land"),
+        "{:?}",
+        phases(&folder)
+    );
+
+    // What cannot happen here is refused.
+    std::fs::write(&script, "[[fault]]\nkind = \"solver-late\"\nphase = \"flight\"\n").unwrap();
+    let mut refused = rehearse(
+        &plan,
+        &scratch.path().join("none"),
+        &["--fault", script.to_str().unwrap()],
+    );
+    assert_eq!(end(&mut refused), Some(2));
 }
 
 #[test]

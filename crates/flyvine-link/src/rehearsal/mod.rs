@@ -16,4 +16,4 @@ pub use px4::{IDENTITY, ReceivedSetpoint, SimulatedPx4};
 pub use px4_telemetry::Sensed;
 pub use rig::{PERIOD_S, Rig, rig_bodies};
 pub use serve::{Ends, RigEvent, ServeError, serve};
-pub use virtual_station::{LateController, SharedRig, virtual_station};
+pub use virtual_station::{LateController, STALL_S, SharedRig, virtual_station};

@@ -15,7 +15,7 @@ use crate::autopilot::{Clock, Flags, LatestPoses, PoseSource, Station, Wire, Wir
 use crate::mocap::{HygieneLimits, Incoming, Tracker};
 
 /// How long a base station that stalls stands still, s.
-const STALL_S: f64 = 0.16;
+pub const STALL_S: f64 = 0.16;
 
 /// The rig, shared by the wires of one station and by whoever judges.
 pub type SharedRig = Rc<RefCell<Rig>>;
