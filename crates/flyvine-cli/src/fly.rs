@@ -39,10 +39,12 @@ use crate::page::{LiveArguments, LiveRow, LiveSession, PacedVehicle};
 ///   flyvine fly plan.json --vehicle "exec:python3 examples/vehicle.py" --controller mpc --out flight.csv
 ///   flyvine fly plan.json --vehicle replay:flight.csv --controller mpc --out again.csv
 ///   flyvine fly plan.json --vehicle sim --out flight.mcap --live
-///   flyvine fly plan.json --vehicle mavlink:udpin:127.0.0.1:14540 --mocap loopback:127.0.0.1:4801 --dry-run --out f.mcap
+///   flyvine fly plan.json --vehicle mavlink:udpin:127.0.0.1:14540 --mocap vrpn:192.168.1.10 --bodies bodies.toml \
+///     --arm udp:192.168.1.20:14700 --out flight.mcap
 ///
-/// On an autopilot, a checklist comes first and says what is missing and why it matters. Ctrl-C is an abort: hold, then the
-/// autopilot's Hold, then Land. Beside other programs that compute, run it with real-time scheduling: chrt --rr 10.
+/// On an autopilot, a checklist comes first and says what is missing and why it matters. The flight is recorded while it is
+/// flown: whatever happens to this process, the file is readable to its last quarter of a second (`flyvine convert` mends
+/// it). Ctrl-C is an abort: hold, then the autopilot's Hold, then Land. Beside other programs that compute, run it with real-time scheduling: chrt --rr 10.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct FlyArguments {
@@ -134,13 +136,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
         reference: None,
     };
     if let Some(address) = arguments.vehicle.strip_prefix("mavlink:") {
-        let flight = fly_on_autopilot(&plan, &flying, address, &arguments.autopilot)?;
-        let Some(outcome) = flight.outcome else {
-            return Ok(flight.ended);
-        };
-        let ended = say_outcome(&outcome);
-        write_recording(&arguments.out, &outcome)?;
-        return Ok(ended);
+        return fly_real(&plan, &flying, address, arguments);
     }
     let mut learning = LapLearning::new(plan.reference.clone());
     let mut best: Option<(f64, FlightOutcome)> = None;
@@ -187,6 +183,21 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     Ok(ended)
 }
 
+/// Flies a plan on an autopilot. What is flown is recorded as MCAP while it is flown; a CSV is written beside it.
+fn fly_real(plan: &Plan, flying: &Flying, address: &str, arguments: &FlyArguments) -> CommandResult {
+    let recording = arguments.out.with_extension("mcap");
+    let (autopilot, live) = (&arguments.autopilot, &arguments.live);
+    let flight = fly_on_autopilot(plan, flying, address, autopilot, live, &recording)?;
+    let Some(outcome) = flight.outcome else {
+        return Ok(flight.ended);
+    };
+    say(&format!("wrote {}", recording.display()));
+    if arguments.out != recording {
+        write_recording(&arguments.out, &outcome)?;
+    }
+    Ok(say_outcome(&outcome))
+}
+
 /// Flies a plan with a progress bar, and on the live page if there is one.
 fn fly_and_show(
     plan: &Plan,
@@ -221,12 +232,17 @@ fn fly_and_show(
     bar.finish_and_clear();
     let outcome = outcome.or_input()?;
     if let Some(session) = session.into_inner() {
-        match &outcome.end {
-            End::Completed => session.finish("flown to the end", true),
-            End::Aborted { t_s, cause } => session.finish(&format!("aborted at {t_s:.2} s: {cause}"), false),
-        }
+        say_end(session, &outcome.end);
     }
     Ok(outcome)
+}
+
+/// Tells the watchers how the flight ended.
+pub fn say_end(session: LiveSession, end: &End) {
+    match end {
+        End::Completed => session.finish("flown to the end", true),
+        End::Aborted { t_s, cause } => session.finish(&format!("aborted at {t_s:.2} s: {cause}"), false),
+    }
 }
 
 /// Says what happened in a flight, and whether it was flown to its end.

@@ -1,8 +1,9 @@
 //! `flyvine fly --vehicle mavlink:…`: a plan on a vehicle behind an autopilot, in real time.
 
-use std::net::SocketAddr;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -10,28 +11,34 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::{Args, ValueEnum};
 use flyvine::control::supervisor::Limits;
-use flyvine::control::{FlightOutcome, Trajectory, fly};
+use flyvine::control::{Controller, FlightOutcome, Flying, Trajectory, fly_watched};
 use flyvine::link::{Vehicle, VehicleError};
 use flyvine::task::Plan;
+use flyvine_link::arm::connect;
 use flyvine_link::autopilot::{
-    AutopilotVehicle, DryRunError, Flags, Journaled, LinkOptions, MonotonicClock, NoArm, Profile, SigningKey,
-    Station, TickReport, dry_run, open, with_deadline,
+    ArmLink, AutopilotVehicle, Clock, DryRunError, Flags, LinkOptions, MocapPoses, MonotonicClock, NoArm,
+    Profile, SigningKey, Station, TickReport, WiredArm, dry_run, open, with_deadline,
 };
-use flyvine_link::rehearsal::{ArmClient, PoseListener};
+use flyvine_link::mocap::{Address, Bodies, HygieneLimits, MocapSource};
+use flyvine_link::recording::{FlightLog, FlightRecorder, PlannedPaths};
 
 use crate::console::{print, say};
-use crate::fly::with_controller;
+use crate::fly::{say_end, with_controller};
 use crate::outcome::{Blame, Failure, Outcome, bad_input};
-use flyvine::control::Flying;
+use crate::page::{LiveArguments, LiveRow, LiveSession};
 
 /// What a flight on an autopilot needs beside the plan.
 #[derive(Args, Clone)]
 #[command(next_help_heading = "Flying on an autopilot (--vehicle mavlink:…)")]
 pub struct AutopilotArguments {
-    /// Where the poses come from: `loopback:HOST:PORT` listens for those of `flyvine rehearse`.
-    #[arg(long, value_name = "SOURCE")]
+    /// The motion-capture server: vrpn:HOST[:PORT], vrpn:tcp://HOST[:PORT] or natnet:HOST[:PORT].
+    #[arg(long, value_name = "SERVER", requires = "bodies")]
     mocap: Option<String>,
-    /// The arm: `loopback:HOST:PORT` calls that of `flyvine rehearse`; left out, nobody commands it.
+    /// Which of its bodies is which, axes and marker frames, as for `flyvine mocap`.
+    #[arg(long, value_name = "BODIES.toml")]
+    bodies: Option<PathBuf>,
+    /// The arm: serial:PATH[,BAUD], udp:HOST:PORT (behind `flyvine onboard`) or legacy:PATH[,BAUD]; left out, nobody
+    /// commands it.
     #[arg(long, value_name = "LINE")]
     arm: Option<String>,
     /// Which autopilot it is.
@@ -52,9 +59,6 @@ pub struct AutopilotArguments {
     /// Where to write how well the ticks of 20 Hz were kept (JSON).
     #[arg(long, value_name = "TICKS.json")]
     ticks: Option<PathBuf>,
-    /// Where to write every step as it is flown, from before arming until after landing (CSV, readable after a crash).
-    #[arg(long, value_name = "JOURNAL.csv")]
-    journal: Option<PathBuf>,
 }
 
 /// The autopilots that there are profiles for.
@@ -74,15 +78,20 @@ pub struct RealFlight {
     pub ended: Outcome,
 }
 
-/// Flies `plan` on the autopilot at `address`, or goes through everything but the flight.
+/// Flies `plan` on the autopilot at `address`, or goes through everything but the flight. The flight is put down in the MCAP
+/// file `recording` while it is flown.
 pub fn fly_on_autopilot(
     plan: &Plan,
     flying: &Flying,
     address: &str,
     arguments: &AutopilotArguments,
+    live: &LiveArguments,
+    recording: &Path,
 ) -> Result<RealFlight, Failure> {
     let limits = read_limits(arguments)?;
-    let station = open_station(address, arguments)?;
+    let session = live.start(plan)?;
+    let clock = MonotonicClock::start();
+    let station = open_station(address, arguments, clock)?;
     let flags = Flags::default();
     for signal in [
         signal_hook::consts::SIGINT,
@@ -91,6 +100,8 @@ pub fn fly_on_autopilot(
     ] {
         signal_hook::flag::register(signal, Arc::clone(&flags.interrupted)).or_internal()?;
     }
+    // A file that may not grow is a write that fails, not the end of the process.
+    signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()).or_internal()?;
     let options = LinkOptions {
         profile: match arguments.autopilot {
             ProfileChoice::Px4 => Profile::Px4,
@@ -113,71 +124,153 @@ pub fn fly_on_autopilot(
             }
             Err(error) => return Err(error).or_internal(),
         };
-        say_notes(&mut vehicle);
         if !ready {
+            say_notes(&vehicle.take_notes());
             say("not ready to fly: nothing was armed");
+            session
+                .into_iter()
+                .for_each(|session| session.finish("not ready to fly", false));
             return Ok(RealFlight {
                 outcome: None,
                 ended: Outcome::Untrusted,
             });
         }
-        let interrupted = || match flags.interrupted.load(Ordering::Relaxed) {
-            true => ControlFlow::Break(()),
-            false => ControlFlow::Continue(()),
-        };
-        let flight = if arguments.dry_run {
-            dry(&mut vehicle, trajectory, limits, &mut |_, _| interrupted())?
-        } else {
-            let budget = Duration::from_secs_f64(1e-3 * arguments.tick_budget_ms);
-            let outcome = with_deadline(controller, budget, |controller| {
-                let mut fly_it = |vehicle: &mut dyn Vehicle| {
-                    fly(trajectory, controller, limits, vehicle, 0, &mut |_, _| {
-                        interrupted()
-                    })
-                    .or_input()
+        let flight = match arguments.dry_run {
+            true => {
+                let run = dry(&mut vehicle, trajectory, limits, &flags)?;
+                session
+                    .into_iter()
+                    .for_each(|session| session.finish("dry run: nothing was armed", true));
+                run
+            }
+            false => {
+                let flight = Recorded {
+                    plan,
+                    trajectory,
+                    limits,
+                    budget: Duration::from_secs_f64(1e-3 * arguments.tick_budget_ms),
+                    recording,
+                    clock,
                 };
-                match &arguments.journal {
-                    None => fly_it(&mut vehicle),
-                    Some(path) => {
-                        let mut journaled = Journaled::create(path, &mut vehicle, &flags)
-                            .with_context(|| path.display().to_string())
-                            .or_input()?;
-                        let outcome = fly_it(&mut journaled);
-                        journaled.close().or_internal()?;
-                        outcome
-                    }
+                RealFlight {
+                    outcome: Some(flight.fly(&mut vehicle, controller, session, &flags)?),
+                    ended: Outcome::Done,
                 }
-            })?;
-            RealFlight {
-                outcome: Some(outcome),
-                ended: Outcome::Done,
             }
         };
-        vehicle.close().or_internal()?;
-        say_notes(&mut vehicle);
         if let Some(report) = vehicle.tick_report() {
             say(&describe(&report));
             if let Some(path) = &arguments.ticks {
                 let json = serde_json::to_vec_pretty(&report).or_internal()?;
-                flyvine::file::write_whole(path, &json).or_internal()?;
+                if let Err(error) = flyvine::file::write_whole(path, &json) {
+                    say(&format!("warning: {}: {error}", path.display()));
+                }
             }
         }
         Ok(flight)
     })?
 }
 
+/// A flight that is put down while it is flown, and shown if somebody wants to watch.
+struct Recorded<'a> {
+    plan: &'a Plan,
+    trajectory: &'a Trajectory,
+    limits: Limits,
+    budget: Duration,
+    recording: &'a Path,
+    clock: MonotonicClock,
+}
+
+impl Recorded<'_> {
+    fn fly(
+        &self,
+        vehicle: &mut AutopilotVehicle,
+        controller: &mut (dyn Controller + Send),
+        session: Option<LiveSession>,
+        flags: &Flags,
+    ) -> Result<FlightOutcome, Failure> {
+        let session = RefCell::new(session);
+        let log = self.start_log(vehicle, flags)?;
+        let outcome = with_deadline(controller, self.budget, |controller| {
+            fly_watched(
+                self.trajectory,
+                controller,
+                self.limits,
+                vehicle,
+                0,
+                &mut |_, _| match &*session.borrow() {
+                    Some(session) if session.abort_requested() => ControlFlow::Break(()),
+                    _ => interrupted(flags),
+                },
+                &mut |flown| {
+                    log.borrow_mut().row(flown);
+                    if let Some(session) = &mut *session.borrow_mut() {
+                        session.publish(LiveRow::new(flown, None));
+                    }
+                },
+            )
+        })
+        .or_input()?;
+        vehicle.close().or_internal()?;
+        let notes = vehicle.take_notes();
+        say_notes(&notes);
+        let mut log = log.borrow_mut();
+        notes.iter().for_each(|note| log.note(note));
+        // The flight has ended for it, if it failed before.
+        if let Err(error) = log.finish() {
+            say(&format!("warning: {error}"));
+        }
+        if let Some(session) = session.into_inner() {
+            say_end(session, &outcome.end);
+        }
+        Ok(outcome)
+    }
+
+    /// Begins to put down what the wires say.
+    fn start_log(
+        &self,
+        vehicle: &mut AutopilotVehicle,
+        flags: &Flags,
+    ) -> Result<Rc<RefCell<FlightLog>>, Failure> {
+        let recorder = FlightRecorder::create(
+            self.recording,
+            self.clock.unix_ns(self.clock.now_s()),
+            &PlannedPaths::from(self.plan),
+            Arc::clone(&flags.recording_failed),
+        )
+        .or_input()?;
+        let mut log = FlightLog::new(recorder, self.clock);
+        let notes = vehicle.take_notes();
+        say_notes(&notes);
+        notes.iter().for_each(|note| log.note(note));
+        let log = Rc::new(RefCell::new(log));
+        let hears = Rc::clone(&log);
+        vehicle.listen(Box::new(move |heard| hears.borrow_mut().hear(heard)));
+        Ok(log)
+    }
+}
+
+fn interrupted(flags: &Flags) -> ControlFlow<()> {
+    match flags.interrupted.load(Ordering::Relaxed) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    }
+}
+
 fn dry(
     vehicle: &mut AutopilotVehicle,
     trajectory: &Trajectory,
     limits: Limits,
-    progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    flags: &Flags,
 ) -> Result<RealFlight, Failure> {
     say("dry run: streaming to the disarmed vehicle …");
-    let run = match dry_run(vehicle, trajectory, limits, progress) {
+    let run = match dry_run(vehicle, trajectory, limits, &mut |_, _| interrupted(flags)) {
         Ok(run) => run,
         Err(DryRunError::Supervisor(error)) => return Err(error).or_input(),
         Err(DryRunError::Vehicle(error)) => return Err(error).or_internal(),
     };
+    vehicle.close().or_internal()?;
+    say_notes(&vehicle.take_notes());
     for event in &run.events {
         say(&event.to_string());
     }
@@ -195,40 +288,38 @@ fn dry(
     Ok(RealFlight { outcome: None, ended })
 }
 
-fn open_station(address: &str, arguments: &AutopilotArguments) -> Result<Station, Failure> {
-    let clock = MonotonicClock::start();
-    let Some(mocap) = &arguments.mocap else {
+fn open_station(
+    address: &str,
+    arguments: &AutopilotArguments,
+    clock: MonotonicClock,
+) -> Result<Station, Failure> {
+    let (Some(server), Some(bodies)) = (&arguments.mocap, &arguments.bodies) else {
         return bad_input(
-            "--vehicle mavlink:… needs --mocap: nothing flies without knowing where it is".to_owned(),
+            "--vehicle mavlink:… needs --mocap and --bodies: nothing flies without knowing where it is"
+                .to_owned(),
         );
     };
-    let listen = loopback("--mocap", mocap)?;
-    let poses = PoseListener::bind(listen, clock)
-        .with_context(|| format!("--mocap {mocap}"))
+    let server: Address = server
+        .parse()
+        .with_context(|| format!("--mocap {server}"))
         .or_input()?;
-    let arm: Box<dyn flyvine_link::autopilot::ArmLink> = match &arguments.arm {
+    let bodies = Bodies::read(bodies).or_input()?;
+    let source = MocapSource::start(&server, Some(bodies), HygieneLimits::default(), None).or_input()?;
+    let arm: Box<dyn ArmLink> = match &arguments.arm {
         None => Box::new(NoArm),
-        Some(arm) => Box::new(
-            ArmClient::to(loopback("--arm", arm)?)
-                .with_context(|| format!("--arm {arm}"))
-                .or_input()?,
-        ),
+        Some(line) => {
+            let arm = connect(line, clock.now_s())
+                .with_context(|| format!("--arm {line}"))
+                .or_input()?;
+            Box::new(WiredArm::new(arm))
+        }
     };
     Ok(Station {
         clock: Box::new(clock),
         wire: open(address).context("--vehicle mavlink").or_input()?,
-        poses: Box::new(poses),
+        poses: Box::new(MocapPoses::new(source, clock)),
         arm,
     })
-}
-
-/// The address in `loopback:HOST:PORT`.
-fn loopback(option: &str, found: &str) -> Result<SocketAddr, Failure> {
-    let address = found.strip_prefix("loopback:").and_then(|rest| rest.parse().ok());
-    match address {
-        Some(address) => Ok(address),
-        None => bad_input(format!("{option} {found}: expected loopback:HOST:PORT")),
-    }
 }
 
 /// The limits of a flight over wires: the silence of autopilot and arm is watched.
@@ -261,10 +352,8 @@ fn read_key(path: &Path) -> Result<SigningKey, Failure> {
         .or_input()
 }
 
-fn say_notes(vehicle: &mut AutopilotVehicle) {
-    for note in vehicle.take_notes() {
-        say(&note);
-    }
+fn say_notes(notes: &[String]) {
+    notes.iter().for_each(|note| say(note));
 }
 
 fn describe(report: &TickReport) -> String {

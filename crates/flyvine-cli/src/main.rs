@@ -7,6 +7,8 @@ mod check;
 mod completions;
 mod console;
 mod convert;
+mod convert_parquet;
+mod convert_ros;
 mod demo;
 mod excite;
 mod fit;

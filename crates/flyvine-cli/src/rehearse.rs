@@ -3,43 +3,54 @@
 use std::io::{BufRead, BufReader};
 use std::net::{SocketAddr, UdpSocket};
 use std::ops::ControlFlow;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use flyvine::control::End;
 use flyvine::control::{Flying, fly_plan};
-use flyvine::flight::read_flight;
+use flyvine::flight::{Flight, Problem};
 use flyvine::report::Score;
 use flyvine::run::score_flight;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, PlanOptions, Task, make_plan, read_plan, write_plan};
 use flyvine_link::autopilot::TickReport;
-use flyvine_link::rehearsal::{FaultKind, wired_limits};
-use rustix::process::{Pid, Signal, kill_process};
+use flyvine_link::rehearsal::{FaultKind, STALL_S, rig_bodies, wired_limits};
+use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
 use serde::Serialize;
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::console::{centimetres, print, print_json, say, table};
-use crate::convert::extension;
+use crate::convert::{extension, read_or_recover};
 use crate::fit::write_json;
 use crate::flights::read_bank;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
-use crate::rehearse_vehicle::read_script;
+use crate::page::LiveArguments;
+use crate::rehearse_vehicle::{RigArguments, Served, read_script};
 
 /// EE error over sockets may differ from that in lockstep by this share.
 const ERROR_BAR: f64 = 0.1;
 /// The 99.9th percentile of the set-points' jitter, ms.
 const JITTER_BAR_MS: f64 = 5.0;
+/// How long a process may take to end in good order.
+const END_PATIENCE: Duration = Duration::from_secs(2);
+/// How long the vehicle's end may take to start.
+const START_PATIENCE: Duration = Duration::from_secs(20);
 /// Time that a flight may take beyond its plan: checklist, take-off, abort ladder, landing.
 const AROUND_THE_PLAN: Duration = Duration::from_secs(120);
 
-/// Rehearse a plan in real time: the simulated vehicle (physics, a PX4 with its refusals and failsafes, motion capture, the
-/// arm) and the base station as separate processes that know each other only by their sockets on loopback.
+/// Rehearse a plan in real time: the simulated vehicle and the base station as separate processes that know each other only
+/// by their wires. At the vehicle's end are physics, a PX4 with its refusals and failsafes (MAVLink over UDP), a
+/// motion-capture server (VRPN or NatNet), and the arm (its own protocol on a serial line); the base station is
+/// `flyvine fly`, as in a laboratory.
 ///
-/// The flight is scored and compared with the same plan flown in lockstep. A script makes things go wrong (mocap stale,
+/// The flight is recorded in DIR/flight.mcap, scored and compared with the same plan flown in lockstep. A script makes things go wrong (mocap stale,
 /// frozen, jumping, swapped or NaN, link lost or reordering, autopilot rebooting, arm silent, processes killed, …):
 ///
 ///   [[fault]]
@@ -48,9 +59,11 @@ const AROUND_THE_PLAN: Duration = Duration::from_secs(120);
 ///   after_s = 3.0              # duration_s = … ends it again
 ///
 ///   flyvine rehearse plan.json --out run-rehearsal
+///   flyvine rehearse plan.json --mocap-protocol natnet --live --out run-natnet
 ///   flyvine rehearse examples/tasks/swing_ES.toml --bank bank.json --fault frozen.toml --out run-frozen
 ///
-/// Beside other programs that compute, ticks are kept by real-time scheduling: chrt --rr 10 flyvine rehearse …
+/// Ctrl-C aborts the flight: it lands. Beside other programs that compute, ticks are kept by real-time scheduling:
+/// chrt --rr 10 flyvine rehearse …
 ///
 /// Exit code 3 if the flight was aborted or misses a bar.
 #[derive(Args)]
@@ -68,9 +81,10 @@ pub struct RehearseArguments {
     /// Run folder to write; it must not exist or be empty.
     #[arg(long, value_name = "DIR", default_value = "run-rehearsal")]
     out: PathBuf,
-    /// Seed of the vehicle's noise.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    rig: RigArguments,
+    #[command(flatten)]
+    live: LiveArguments,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -79,7 +93,7 @@ pub struct RehearseArguments {
 /// What a rehearsal showed; `rehearsal.json` of the run folder.
 #[derive(Serialize)]
 struct Rehearsal {
-    /// Score over the sockets; none if the base station left no recording.
+    /// Score over the sockets; none if the base station left no flight, or one that missed ticks.
     over_sockets: Option<Score>,
     /// Score in lockstep.
     in_process: Score,
@@ -101,7 +115,7 @@ pub fn run(arguments: &RehearseArguments) -> CommandResult {
         ));
     }
     if let Some(path) = &arguments.fault {
-        read_script(path)?;
+        arguments.rig.check(&read_script(path)?)?;
     }
     let plan = plan(arguments)?;
     std::fs::create_dir_all(folder).or_internal()?;
@@ -110,13 +124,13 @@ pub fn run(arguments: &RehearseArguments) -> CommandResult {
         std::fs::copy(path, folder.join("fault.toml")).or_internal()?;
     }
 
-    let in_process = fly_in_process(folder, &plan, arguments.seed)?;
+    let in_process = fly_in_process(folder, &plan, arguments.rig.seed)?;
     let base_exit_code = fly_over_sockets(folder, &plan, arguments)?;
-    let recording = folder.join("flight.csv");
-    let over_sockets = match recording.exists() {
-        true => Some(score_flight(&plan, &read_flight(&recording).or_internal()?).or_internal()?),
-        false => None,
-    };
+    let over_sockets = recorded_flight(&folder.join("flight.mcap"))?.and_then(|flight| {
+        // Ticks that were missed leave rows that are nobody's knot.
+        let score = score_flight(&plan, &flight);
+        score.inspect_err(|error| say(&format!("no score: {error}"))).ok()
+    });
     let rehearsal = Rehearsal {
         error_difference: over_sockets
             .as_ref()
@@ -175,49 +189,74 @@ fn fly_in_process(folder: &Path, plan: &Plan, seed: u64) -> Result<Score, Failur
     score_flight(plan, &outcome.flight).or_internal()
 }
 
+/// What the base station recorded, as far as it came; none if it did not come to flying.
+fn recorded_flight(recording: &Path) -> Result<Option<Flight>, Failure> {
+    if !recording.exists() {
+        return Ok(None);
+    }
+    match read_or_recover(recording) {
+        Ok((flight, _)) => Ok(Some(flight)),
+        // Aborted on the way up.
+        Err(error) if matches!(*error.problem, Problem::NoRows) => Ok(None),
+        Err(error) => Err(error).or_internal(),
+    }
+}
+
 /// Starts both processes, waits for the base station, and gives its exit code.
 fn fly_over_sockets(
     folder: &Path,
     plan: &Plan,
     arguments: &RehearseArguments,
 ) -> Result<Option<i32>, Failure> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&interrupted)).or_internal()?;
+    }
     let flyvine = std::env::current_exe().or_internal()?;
-    let [autopilot, poses, arm] = free_ports().context("no free ports on loopback").or_internal()?;
+    let autopilot = free_port().context("no free port on loopback").or_internal()?;
     let configuration = plan.configurations[0];
     let mut vehicle = Command::new(&flyvine);
     vehicle
         .arg("rehearse-vehicle")
         .args(["--autopilot", &autopilot.to_string()])
-        .args(["--poses", &poses.to_string()])
-        .args(["--arm", &arm.to_string()])
         .args(["--length-m", &configuration.length_m.to_string()])
         .args(["--pressure-kpa", &configuration.pressure_kpa.to_string()])
-        .args(["--seed", &arguments.seed.to_string()])
         .stdin(Stdio::null())
         .stdout(Stdio::piped());
+    arguments.rig.pass_on(&mut vehicle);
     if arguments.fault.is_some() {
         vehicle.arg("--fault").arg(folder.join("fault.toml"));
     }
+    let mut vehicle = Process::spawn("the vehicle's end", &mut vehicle)?;
+    let events = vehicle.lines();
+    let Ok(served) = events.recv_timeout(START_PATIENCE) else {
+        return Err(anyhow!("the vehicle's end did not start")).or_internal();
+    };
+    let served: Served = serde_json::from_str(&served).or_internal()?;
+
+    let bodies = folder.join("bodies.toml");
+    let [quadrotor, end_effector] = rig_bodies().names();
+    let names = format!("[quadrotor]\nname = \"{quadrotor}\"\n\n[end_effector]\nname = \"{end_effector}\"\n");
+    flyvine::file::write_whole(&bodies, names.as_bytes()).or_internal()?;
     let mut base = Command::new(&flyvine);
     base.arg("fly")
         .arg(folder.join("plan.json"))
         .arg("--vehicle")
         .arg(format!("mavlink:udpin:{autopilot}"))
-        .args(["--mocap", &format!("loopback:{poses}")])
-        .args(["--arm", &format!("loopback:{arm}")])
+        .args(["--mocap", &served.mocap])
+        .arg("--bodies")
+        .arg(bodies)
+        .args(["--arm", &served.arm])
         .arg("--ticks")
         .arg(folder.join("ticks.json"))
-        .arg("--journal")
-        .arg(folder.join("journal.csv"))
         .arg("--out")
-        .arg(folder.join("flight.csv"))
+        .arg(folder.join("flight.mcap"))
         .stdin(Stdio::null())
         .stdout(std::fs::File::create(folder.join("checklist.txt")).or_internal()?);
-    let mut vehicle = Process::spawn("the vehicle's end", &mut vehicle)?;
-    let events = vehicle.lines();
+    arguments.live.pass_on(&mut base);
     let mut base = Process::spawn("the base station", &mut base)?;
     let limit = AROUND_THE_PLAN + Duration::from_secs_f64(plan.knots() as f64 * flyvine::DT);
-    let code = watch(folder, &mut base, &events, limit)?;
+    let code = watch(folder, &mut base, &events, &interrupted, limit)?;
     if code.is_none() {
         // Whether the vehicle comes down by itself is part of what there is to see.
         std::thread::sleep(Duration::from_secs(5));
@@ -226,21 +265,30 @@ fn fly_over_sockets(
     Ok(code)
 }
 
-/// Waits for the base station, and kills it when the script says so.
+/// Waits for the base station, kills it when the script says so, and passes on to it that the operator wants to stop.
 fn watch(
     folder: &Path,
     base: &mut Process,
     events: &Receiver<String>,
+    interrupted: &AtomicBool,
     limit: Duration,
 ) -> Result<Option<i32>, Failure> {
     let begun = Instant::now();
-    let killed = serde_json::to_string(&FaultKind::BaseKilled).or_internal()?;
+    let faults = [FaultKind::BaseKilled, FaultKind::BaseStalls, FaultKind::DiskFull].map(|kind| {
+        let name = serde_json::to_string(&kind).expect("a name is a string");
+        (kind, name)
+    });
     loop {
-        if record_events(folder, events)?.contains(&killed) {
-            base.kill();
+        let told = record_events(folder, events)?;
+        for (kind, _) in faults.iter().filter(|(_, name)| told.contains(&**name)) {
+            base.suffer(*kind)?;
         }
         if let Some(status) = base.child.try_wait().or_internal()? {
             return Ok(status.code());
+        }
+        if interrupted.swap(false, Ordering::Relaxed) {
+            say("stopping: the base station aborts the flight, which takes it a while to land");
+            let _ = kill_process(Pid::from_child(&base.child), Signal::INT);
         }
         if begun.elapsed() > limit {
             say("the base station did not end in time: killed");
@@ -272,7 +320,9 @@ struct Process {
 
 impl Process {
     fn spawn(what: &str, command: &mut Command) -> Result<Self, Failure> {
+        // Ctrl-C is for this process alone to hear: it decides who is told.
         let child = command
+            .process_group(0)
             .spawn()
             .with_context(|| format!("cannot start {what}"))
             .or_internal()?;
@@ -294,6 +344,29 @@ impl Process {
         receiver
     }
 
+    /// What the script does to this process.
+    fn suffer(&mut self, kind: FaultKind) -> Result<(), Failure> {
+        let pid = Pid::from_child(&self.child);
+        match kind {
+            FaultKind::BaseKilled => self.kill(),
+            FaultKind::BaseStalls => {
+                kill_process(pid, Signal::STOP).or_internal()?;
+                std::thread::sleep(Duration::from_secs_f64(STALL_S));
+                kill_process(pid, Signal::CONT).or_internal()?;
+            }
+            // Its files may not grow any more.
+            FaultKind::DiskFull => {
+                let full = Rlimit {
+                    current: Some(0),
+                    maximum: None,
+                };
+                prlimit(Some(pid), Resource::Fsize, full).or_internal()?;
+            }
+            _ => (),
+        }
+        Ok(())
+    }
+
     fn kill(&mut self) {
         // It may have ended by itself.
         let _ = self.child.kill();
@@ -305,21 +378,22 @@ impl Drop for Process {
         if let Ok(None) = self.child.try_wait() {
             let pid = Pid::from_child(&self.child);
             let _ = kill_process(pid, Signal::TERM);
-            std::thread::sleep(Duration::from_millis(100));
+            // It may have an emulator to end, too.
+            let begun = Instant::now();
+            while let Ok(None) = self.child.try_wait()
+                && begun.elapsed() < END_PATIENCE
+            {
+                std::thread::sleep(Duration::from_millis(10));
+            }
             self.kill();
         }
         let _ = self.child.wait();
     }
 }
 
-/// Three UDP ports of loopback that nobody has.
-fn free_ports() -> std::io::Result<[SocketAddr; 3]> {
-    let sockets = [(); 3].map(|()| UdpSocket::bind("127.0.0.1:0"));
-    let mut ports = [SocketAddr::from(([127, 0, 0, 1], 0)); 3];
-    for (port, socket) in ports.iter_mut().zip(sockets) {
-        *port = socket?.local_addr()?;
-    }
-    Ok(ports)
+/// A UDP port of loopback that nobody has.
+fn free_port() -> std::io::Result<SocketAddr> {
+    UdpSocket::bind("127.0.0.1:0")?.local_addr()
 }
 
 fn read_ticks(path: &Path) -> Result<Option<TickReport>, Failure> {

@@ -11,7 +11,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use flyvine::flight::Configuration;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use flyvine_link::rehearsal::{Addresses, Rig, Script, serve};
+use flyvine_link::autopilot::UdpWire;
+use flyvine_link::rehearsal::{Ends, Rig, Script, serve};
 
 fn python() -> Option<String> {
     let python = std::env::var("FLYVINE_MAVSDK_PYTHON").unwrap_or_else(|_| "python3".to_owned());
@@ -40,12 +41,13 @@ fn mavsdk_arms_flies_offboard_and_lands() {
     let stop = AtomicBool::new(false);
     let output = std::thread::scope(|scope| {
         scope.spawn(|| {
-            let addresses = Addresses {
-                autopilot: address,
-                poses: None,
+            let mut ends = Ends {
+                autopilot: Box::new(UdpWire::call(address).unwrap()),
+                mocap: None,
                 arm: None,
+                board: None,
             };
-            serve(&mut rig, &addresses, &stop, &mut |_, _| ()).unwrap();
+            serve(&mut rig, &mut ends, &stop, &mut |_, _| ()).unwrap();
         });
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/mavsdk_flight.py");
         let output = Command::new(python)

@@ -2,12 +2,17 @@
 
 #![expect(clippy::print_stderr, reason = "tests say that they skip")]
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use flyvine::flight::{Configuration, Flight, Pose, Sample, read_flight, recover_flight};
-use flyvine_link::recording::{FlightRecorder, LogLevel, PlannedPaths, SupervisorRow};
+use flyvine::flight::{Configuration, Flight, Pose, Problem, Sample, read_flight, recover_flight};
+use flyvine_link::autopilot::ArmTelemetry;
+use flyvine_link::recording::{Body, FlightRecorder, LogLevel, PlannedPaths, RecordingError, SupervisorRow};
 
 /// Row k of a flight that everybody in this file knows.
 fn sample(k: usize) -> Sample {
@@ -28,18 +33,45 @@ fn sample(k: usize) -> Sample {
     }
 }
 
-fn record(recorder: &mut FlightRecorder, k: usize) {
+/// When row k is flown, ns since 1970.
+fn time_ns(k: usize) -> u64 {
+    1_700_000_000_000_000_000 + 50_000_000 * k as u64
+}
+
+fn create(path: &Path, planned: &PlannedPaths) -> Result<FlightRecorder, RecordingError> {
+    FlightRecorder::create(path, time_ns(0), planned, Arc::default())
+}
+
+fn record(recorder: &FlightRecorder, k: usize) {
     let supervisor = SupervisorRow {
-        state: "Tracking".into(),
-        mode: "Offboard".into(),
-        reason: None,
+        setpoint: sample(k).command,
+        state: "flying".into(),
+        autopilot_mode: "Offboard".into(),
+        armed: true,
         quadrotor_age_s: Some(0.012),
-        end_effector_age_s: None,
+        ..SupervisorRow::default()
     };
-    recorder.row(&sample(k), supervisor);
-    if k.is_multiple_of(50) {
-        recorder.log(sample(k).t_s, LogLevel::Info, format!("row {k}"));
+    recorder.supervisor(time_ns(k), supervisor);
+    recorder.row(time_ns(k), &sample(k), None);
+    if let Some(pose) = sample(k).quadrotor {
+        recorder.pose(time_ns(k), Body::Quadrotor, pose);
     }
+    let telemetry = ArmTelemetry {
+        heard_s: 0.0,
+        length_m: Some(0.7),
+        pressure_kpa: None,
+        growth_m_s: 0.0,
+        state: Some(vine_arm::State::Active),
+    };
+    recorder.arm(time_ns(k), telemetry);
+    if k.is_multiple_of(50) {
+        recorder.log(time_ns(k), LogLevel::Info, format!("row {k}"));
+    }
+}
+
+/// Nothing went wrong.
+fn finish(mut recorder: FlightRecorder) {
+    recorder.finish().unwrap();
 }
 
 fn planned() -> PlannedPaths {
@@ -61,12 +93,11 @@ fn check_rows(flight: &Flight) {
 fn a_finished_recording_is_a_flight() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
-    let mut recorder = FlightRecorder::create(&path, &planned()).unwrap();
+    let recorder = create(&path, &planned()).unwrap();
     for k in 0..400 {
-        record(&mut recorder, k);
+        record(&recorder, k);
     }
-    assert!(!recorder.has_failed());
-    recorder.finish().unwrap();
+    finish(recorder);
     let flight = read_flight(&path).unwrap();
     assert_eq!(flight.samples.len(), 400);
     check_rows(&flight);
@@ -77,14 +108,17 @@ fn a_finished_recording_is_a_flight() {
         *counts.entry(message.unwrap().channel.topic.clone()).or_insert(0) += 1;
     }
     let expected = [
+        ("/arm", 400),
         ("/command", 400),
         ("/configuration", 400),
         ("/end_effector", 400),
         ("/log", 8),
+        ("/mocap/quadrotor", 343),
         ("/plan/command", 1),
         ("/plan/end_effector", 1),
         ("/plan/reference", 1),
         ("/quadrotor", 343),
+        ("/setpoint", 400),
         ("/supervisor", 400),
     ];
     let expected = expected.map(|(topic, count)| (topic.to_owned(), count));
@@ -96,13 +130,13 @@ fn a_finished_recording_is_a_flight() {
 fn a_recording_cut_anywhere_is_recovered_to_its_last_whole_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
-    let mut recorder = FlightRecorder::create(&path, &planned()).unwrap();
+    let recorder = create(&path, &planned()).unwrap();
     for k in 0..60 {
-        record(&mut recorder, k);
+        record(&recorder, k);
         // Several chunks.
         std::thread::sleep(Duration::from_millis(20));
     }
-    recorder.finish().unwrap();
+    finish(recorder);
     let bytes = std::fs::read(&path).unwrap();
     let (cut, mut most) = (folder.path().join("cut.mcap"), 0);
     for end in (0..bytes.len()).step_by(211) {
@@ -123,10 +157,10 @@ fn record_until_killed() {
     let Ok(path) = std::env::var("FLYVINE_TEST_RECORDING") else {
         return;
     };
-    let mut recorder = FlightRecorder::create(Path::new(&path), &planned()).unwrap();
+    let recorder = create(Path::new(&path), &planned()).unwrap();
     // Bounded, should nobody kill it.
     for k in 0..100_000 {
-        record(&mut recorder, k);
+        record(&recorder, k);
         std::thread::sleep(Duration::from_micros(500));
     }
 }
@@ -162,7 +196,7 @@ fn a_killed_process_leaves_a_readable_recording() {
 fn nonsense_in_a_row_does_not_spoil_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flight.mcap");
-    let mut recorder = FlightRecorder::create(&path, &PlannedPaths::default()).unwrap();
+    let recorder = create(&path, &PlannedPaths::default()).unwrap();
     let nowhere = Pose {
         position: [0.0, f64::NAN, 1.5],
         attitude: [1.0, 0.0, 0.0, 0.0],
@@ -175,9 +209,9 @@ fn nonsense_in_a_row_does_not_spoil_the_file() {
             19 => row.command[1] = f64::INFINITY,
             _ => (),
         }
-        recorder.row(&row, SupervisorRow::default());
+        recorder.row(time_ns(k), &row, None);
     }
-    recorder.finish().unwrap();
+    finish(recorder);
     let flight = read_flight(&path).unwrap();
     assert_eq!(flight.samples.len(), 19);
     assert_eq!(flight.samples[4].quadrotor, None);
@@ -186,10 +220,44 @@ fn nonsense_in_a_row_does_not_spoil_the_file() {
 }
 
 #[test]
+fn a_recording_without_a_flight_has_no_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let recorder = create(&path, &planned()).unwrap();
+    recorder.log(time_ns(0), LogLevel::Error, "aborted on the way up");
+    recorder.supervisor(time_ns(1), SupervisorRow::default());
+    finish(recorder);
+    let error = read_flight(&path).unwrap_err();
+    assert!(matches!(*error.problem, Problem::NoRows), "{error}");
+}
+
+#[test]
+fn a_disk_that_goes_away_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
+    rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, mode, 0).unwrap();
+    // A pipe that is read for a moment: as much of a disk as can be pulled out in a test.
+    let reader = path.clone();
+    let reader = std::thread::spawn(move || File::open(reader).unwrap().read(&mut [0; 16]).unwrap());
+    let failed = Arc::new(AtomicBool::new(false));
+    let mut recorder =
+        FlightRecorder::create(&path, 0, &PlannedPaths::default(), Arc::clone(&failed)).unwrap();
+    reader.join().unwrap();
+    let began = Instant::now();
+    while !failed.load(Ordering::Relaxed) {
+        assert!(began.elapsed() < Duration::from_secs(30), "nobody was told");
+        record(&recorder, 0);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    recorder.finish().unwrap_err();
+}
+
+#[test]
 fn what_cannot_be_written_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("no folder").join("flight.mcap");
-    let error = FlightRecorder::create(&path, &planned()).unwrap_err().to_string();
+    let error = create(&path, &planned()).unwrap_err().to_string();
     assert!(error.contains("no folder"), "{error}");
 }
 

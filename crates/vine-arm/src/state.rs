@@ -64,7 +64,7 @@ impl State {
     ];
 
     /// The wire code: faults begin at 16.
-    pub(crate) fn code(self) -> u8 {
+    pub fn code(self) -> u8 {
         match self {
             State::Waiting => 0,
             State::Active => 1,

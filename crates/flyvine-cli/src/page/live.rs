@@ -44,6 +44,19 @@ impl LiveArguments {
         self.live || self.foxglove.is_some()
     }
 
+    /// As arguments of another process that flies.
+    pub fn pass_on(&self, command: &mut std::process::Command) {
+        if self.live {
+            command.args(["--live", "--port", &self.port.to_string()]);
+        }
+        if self.no_open {
+            command.arg("--no-open");
+        }
+        if let Some(port) = self.foxglove {
+            command.args(["--foxglove", &port.to_string()]);
+        }
+    }
+
     /// Starts the servers and waits until the page is open; `None` where nobody shall watch.
     pub fn start(&self, plan: &Plan) -> Result<Option<LiveSession>, Failure> {
         if !self.is_watched() {

@@ -103,20 +103,6 @@ pub fn connect(address: &str, now_s: f64) -> Result<Box<dyn Arm + Send>, ArmErro
     })
 }
 
-/// The growth rate that takes an arm from `length_m` to `target_m`, m/s: proportional with 1 s⁻¹, plus the target's own
-/// rate, within ±`max_rate_m_s`.
-///
-/// For plans whose length changes; the length is from [`Telemetry::length_m`] or from motion capture. A length or target
-/// that is not finite moves nothing.
-pub fn growth_rate_towards(target_m: f64, target_rate_m_s: f64, length_m: f64, max_rate_m_s: f64) -> f64 {
-    let rate = target_rate_m_s + (target_m - length_m);
-    if rate.is_finite() {
-        rate.clamp(-max_rate_m_s, max_rate_m_s)
-    } else {
-        0.0
-    }
-}
-
 /// Refuses what JSON, wires and arms cannot carry.
 fn check_finite(request: &Request) -> Result<(), ArmError> {
     let check = |name, value: f32| {

@@ -2,24 +2,45 @@
 
 use flyvine::DT;
 use flyvine::flight::Configuration;
+use vine_arm::{Request, Setpoint, State};
+
+use crate::arm::Arm;
 
 /// What the arm's controller says of itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmTelemetry {
-    /// When it was last heard, s on the link's clock.
+    /// When it was last heard, s on the link's clock; −∞ before that.
     pub heard_s: f64,
     /// Length from its own estimate, m; `None` of an arm that has none.
     pub length_m: Option<f64>,
-    /// Its own number for what is wrong with it.
-    pub fault: Option<u8>,
+    /// Gauge pressure, kPa; `None` of an arm without a sensor.
+    pub pressure_kpa: Option<f64>,
+    /// The growth rate that its motor is asked for, m/s.
+    pub growth_m_s: f64,
+    /// What it is doing; `None` before it was heard.
+    pub state: Option<State>,
 }
 
-/// The line to the arm.
+impl ArmTelemetry {
+    /// Its own number for what is wrong with it.
+    pub fn fault(&self) -> Option<u8> {
+        match self.state {
+            Some(state @ State::Fault(_)) => Some(state.code()),
+            _ => None,
+        }
+    }
+}
+
+/// The line to the arm. None of it waits.
 pub trait ArmLink {
+    /// Readies the arm for a flight that begins in `configuration`: one that was told to stop takes set-points again, one that
+    /// cannot measure its length is told it.
+    fn prepare(&mut self, now_s: f64, configuration: Configuration);
+
     /// Sends the growth rate, m/s (signed), and the pressure set-point, kPa gauge.
     fn command(&mut self, now_s: f64, growth_m_s: f64, pressure_kpa: f64);
 
-    /// The newest telemetry; `None` of an arm that never answers. It never waits.
+    /// The newest telemetry; `None` where there is no arm on the wire.
     fn telemetry(&mut self, now_s: f64) -> Option<ArmTelemetry>;
 }
 
@@ -27,10 +48,82 @@ pub trait ArmLink {
 pub struct NoArm;
 
 impl ArmLink for NoArm {
+    fn prepare(&mut self, _now_s: f64, _configuration: Configuration) {}
+
     fn command(&mut self, _now_s: f64, _growth_m_s: f64, _pressure_kpa: f64) {}
 
     fn telemetry(&mut self, _now_s: f64) -> Option<ArmTelemetry> {
         None
+    }
+}
+
+/// Time between two questions to an arm that has not answered, s.
+const ASK_S: f64 = 0.1;
+
+/// An arm at an address of [`crate::arm`]. A line that fails is silent, and silence is for the supervisor to judge.
+pub struct WiredArm {
+    arm: Box<dyn Arm>,
+    asked_s: f64,
+    /// The length to tell it, m, once it answers and if it knows none.
+    tell_length_m: Option<f64>,
+}
+
+impl WiredArm {
+    /// An arm on a line that is open.
+    pub fn new(arm: Box<dyn Arm>) -> Self {
+        Self {
+            arm,
+            asked_s: f64::NEG_INFINITY,
+            tell_length_m: None,
+        }
+    }
+
+    fn ask(&mut self, now_s: f64, request: Request) {
+        self.asked_s = now_s;
+        let _ = self.arm.ask(now_s, request);
+    }
+}
+
+impl ArmLink for WiredArm {
+    fn prepare(&mut self, now_s: f64, configuration: Configuration) {
+        self.tell_length_m = Some(configuration.length_m);
+        self.ask(now_s, Request::Resume);
+    }
+
+    fn command(&mut self, now_s: f64, growth_m_s: f64, pressure_kpa: f64) {
+        let setpoint = Setpoint {
+            growth_rate_m_s: growth_m_s as f32,
+            pressure_kpa: pressure_kpa as f32,
+        };
+        let _ = self.arm.send(now_s, setpoint);
+    }
+
+    fn telemetry(&mut self, now_s: f64) -> Option<ArmTelemetry> {
+        let _ = self.arm.poll(now_s);
+        let status = self.arm.status(now_s);
+        let telemetry = status.telemetry;
+        match status.asked {
+            // Set-points carry the question too, but there are none before the flight.
+            Some(request) if now_s >= self.asked_s + ASK_S => self.ask(now_s, request),
+            Some(_) => (),
+            None => {
+                if let Some(telemetry) = telemetry
+                    && let Some(length_m) = self.tell_length_m.take()
+                    && telemetry.length_m.is_none()
+                {
+                    self.ask(now_s, Request::SetLength(length_m as f32));
+                }
+            }
+        }
+        Some(ArmTelemetry {
+            heard_s: telemetry.map_or(f64::NEG_INFINITY, |_| now_s - status.silence_s),
+            length_m: telemetry.and_then(|telemetry| telemetry.length_m).map(f64::from),
+            pressure_kpa: telemetry
+                .and_then(|telemetry| telemetry.pressure_kpa)
+                .map(f64::from),
+            growth_m_s: telemetry.map_or(0.0, |telemetry| f64::from(telemetry.growth_rate_m_s)),
+            state: telemetry.map(|telemetry| telemetry.state),
+        })
     }
 }
 

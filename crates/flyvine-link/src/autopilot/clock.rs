@@ -28,9 +28,18 @@ impl MonotonicClock {
         }
     }
 
-    /// A time since 1970 on this clock, s: for capture times that come from another process of this machine.
-    pub fn from_unix_s(&self, unix_s: f64) -> f64 {
-        unix_s - self.unix_origin_s
+    /// An instant on this clock, s.
+    pub fn at(&self, instant: Instant) -> f64 {
+        match instant.checked_duration_since(self.origin) {
+            Some(since) => since.as_secs_f64(),
+            None => -(self.origin - instant).as_secs_f64(),
+        }
+    }
+
+    /// A time on this clock in whole nanoseconds since 1970.
+    pub fn unix_ns(&self, time_s: f64) -> u64 {
+        let origin_ns = (self.unix_origin_s * 1e9) as u64;
+        origin_ns.saturating_add_signed((time_s * 1e9) as i64)
     }
 
     /// A time on this clock since 1970, s.

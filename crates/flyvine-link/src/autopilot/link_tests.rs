@@ -2,7 +2,7 @@
 
 use mavlink::dialects::common::{
     EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavFrame, MavLandedState,
-    MavModeFlag, MavState, MavType,
+    MavModeFlag, MavParamType, MavState, MavType, PARAM_VALUE_DATA,
 };
 
 use super::*;
@@ -237,6 +237,53 @@ fn guided_takes_off_by_itself_before_it_is_given_set_points() {
             .iter()
             .all(|(command, _)| *command != MavCmd::MAV_CMD_NAV_TAKEOFF)
     );
+}
+
+#[test]
+fn ardupilot_comes_down_by_its_own_modes_and_says_its_parameters_as_numbers() {
+    let mut wire = Wire::new(Profile::ArduPilot);
+    wire.heartbeat(0, false);
+    // An integer parameter travels as a float's value, not as the bytes of an integer.
+    let rule = Profile::ArduPilot.rules()[0].name;
+    wire.say(&MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+        param_value: 3.0,
+        param_count: 1,
+        param_index: 0,
+        param_id: rule.into(),
+        param_type: MavParamType::MAV_PARAM_TYPE_INT8,
+    }));
+    assert_eq!(wire.link.telemetry().parameters[rule], 3.0);
+
+    // In the air, in GUIDED: set-points go out, and only while it is there.
+    wire.heartbeat(4, true);
+    wire.ground(false);
+    assert_eq!(wire.link.mode(), Some(Mode::Offboard));
+    wire.sent();
+    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5]);
+    assert_eq!(setpoints(&wire.sent()), 1);
+
+    // The abort ladder: BRAKE, which it may refuse, and LAND all the same.
+    wire.link.set_mode(Mode::Hold);
+    let asked = |messages: &[MavMessage], number: f32| {
+        let set_mode =
+            |(command, parameters): &(MavCmd, [f32; 3])| *command == SET_MODE && parameters[1] == number;
+        commands(messages).iter().any(set_mode)
+    };
+    assert!(asked(&wire.run(0.1), 17.0), "BRAKE");
+    for _ in 0..10 {
+        wire.acknowledge(SET_MODE, MavResult::MAV_RESULT_FAILED);
+    }
+    wire.link.set_mode(Mode::Land);
+    assert!(asked(&wire.run(0.1), 9.0), "LAND");
+    wire.heartbeat(9, true);
+    assert_eq!(wire.link.mode(), Some(Mode::Land));
+    wire.ground(true);
+    let on_the_ground = wire.run(10.0);
+    assert!(
+        commands(&on_the_ground).contains(&(ARM, [0.0, 0.0, 0.0])),
+        "motors off"
+    );
+    assert!(!asked(&on_the_ground, 4.0) && setpoints(&on_the_ground) == 0);
 }
 
 #[test]

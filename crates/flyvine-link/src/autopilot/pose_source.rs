@@ -1,6 +1,15 @@
 //! Where the poses come from: what the link needs of motion capture, and nothing more.
 
+use std::time::Instant;
+
 use flyvine::flight::Pose;
+
+use super::clock::MonotonicClock;
+use crate::mocap::{Latest, MocapSource, StampedPose};
+
+/// Nonsense for so long is no longer a slip of the cameras, s: the supervisor shall know of it. Shorter, the pose counts as
+/// missing.
+const NONSENSE_S: f64 = 0.2;
 
 /// Something and when it was captured, s on the link's clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,8 +29,58 @@ pub struct LatestPoses {
     pub end_effector: Option<Stamped<[f64; 3]>>,
 }
 
+impl LatestPoses {
+    /// The newest credible poses, their instants put on the link's clock by `time_s`. A body of which nothing but nonsense has
+    /// come for a while is nowhere, NaN: that is for the supervisor to judge, as everything is.
+    pub(crate) fn new(latest: &Latest, time_s: impl Fn(Instant) -> f64) -> Self {
+        let stamped =
+            |body: StampedPose| match body.nonsense.filter(|nonsense| nonsense.lasts_s >= NONSENSE_S) {
+                None => Stamped {
+                    value: body.pose,
+                    captured_s: time_s(body.captured),
+                },
+                Some(nonsense) => Stamped {
+                    value: Pose {
+                        position: [f64::NAN; 3],
+                        attitude: [f64::NAN; 4],
+                    },
+                    captured_s: time_s(nonsense.newest),
+                },
+            };
+        let end_effector = latest.end_effector.map(stamped);
+        Self {
+            quadrotor: latest.quadrotor.map(stamped),
+            end_effector: end_effector.map(|Stamped { value, captured_s }| Stamped {
+                value: value.position,
+                captured_s,
+            }),
+        }
+    }
+}
+
 /// Motion capture, as the link sees it.
 pub trait PoseSource {
     /// The newest poses at `now_s`; it never waits.
     fn latest(&mut self, now_s: f64) -> LatestPoses;
+}
+
+/// A motion-capture server, on the link's clock.
+pub struct MocapPoses {
+    source: MocapSource,
+    clock: MonotonicClock,
+}
+
+impl MocapPoses {
+    /// The poses of `source`, stamped by `clock`.
+    pub fn new(source: MocapSource, clock: MonotonicClock) -> Self {
+        Self { source, clock }
+    }
+}
+
+impl PoseSource for MocapPoses {
+    fn latest(&mut self, _now_s: f64) -> LatestPoses {
+        LatestPoses::new(&self.source.latest(Instant::now()), |instant| {
+            self.clock.at(instant)
+        })
+    }
 }

@@ -220,8 +220,8 @@ fn check_arm(findings: &Findings, list: &mut Checklist) {
     let age_s = findings.now_s - arm.heard_s;
     list.must(
         "arm",
-        age_s <= limit_s && arm.fault.is_none(),
-        match arm.fault {
+        age_s <= limit_s && arm.fault().is_none(),
+        match arm.fault() {
             Some(code) => format!("fault {code}"),
             None => format!("heard {:.0} ms ago", 1e3 * age_s),
         },

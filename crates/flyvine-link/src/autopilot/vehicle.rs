@@ -9,7 +9,7 @@ use flyvine::control::supervisor::Limits;
 use flyvine::flight::Configuration;
 use flyvine::link::{Captured, Fault, Health, Mode, Observation, Vehicle, VehicleError};
 
-use super::arm_link::{ArmLink, growth_rate};
+use super::arm_link::{ArmLink, ArmTelemetry, growth_rate};
 use super::checklist::{Checklist, Weight};
 use super::clock::Clock;
 use super::link::{AutopilotLink, LinkOptions};
@@ -38,6 +38,26 @@ pub struct Station {
     pub arm: Box<dyn ArmLink>,
 }
 
+/// What the wires said, newest of all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Heard {
+    /// Now, s on the link's clock.
+    pub now_s: f64,
+    /// Of motion capture.
+    pub poses: LatestPoses,
+    /// Of the arm; `None` where there is none on the wire.
+    pub arm: Option<ArmTelemetry>,
+    /// The mode that the autopilot says it is in; `None` for one that is not listed.
+    pub mode: Option<Mode>,
+    /// Whether it says that its motors are armed.
+    pub armed: bool,
+    /// When it was last heard, s.
+    pub autopilot_heard_s: f64,
+}
+
+/// Whoever wants to know what the wires say. It must not block.
+pub type Listener = Box<dyn FnMut(&Heard)>;
+
 /// Flags that other threads may raise.
 #[derive(Debug, Clone, Default)]
 pub struct Flags {
@@ -64,6 +84,7 @@ pub struct AutopilotVehicle {
     times: TickTimes,
     health: Option<Health>,
     notes: Vec<String>,
+    listener: Option<Listener>,
     bytes: Vec<u8>,
 }
 
@@ -93,13 +114,22 @@ impl AutopilotVehicle {
             times: TickTimes::default(),
             health: None,
             notes: Vec::new(),
+            listener: None,
             bytes: Vec::new(),
         }
+    }
+
+    /// From now on `listener` is told of what the wires say, at every look at them: some 200 times a second.
+    pub fn listen(&mut self, listener: Listener) {
+        self.listener = Some(listener);
     }
 
     /// Connects, reads the parameters back and goes through the checklist; arms nothing.
     pub fn prepare(&mut self) -> Result<&Checklist, VehicleError> {
         let begun_s = self.station.clock.now_s();
+        self.station
+            .arm
+            .prepare(begun_s, self.trajectory.configuration(0));
         self.wait_until(begun_s + CONNECT_S, |vehicle| {
             vehicle.link.telemetry().identity.is_some()
         })?;
@@ -167,8 +197,19 @@ impl AutopilotVehicle {
         self.link.receive(now_s, &self.bytes);
         self.link.tick(now_s);
         // Listening is also calling, to an arm that has not answered yet.
-        self.station.arm.telemetry(now_s);
-        if let Some(pose) = self.station.poses.latest(now_s).quadrotor
+        let arm = self.station.arm.telemetry(now_s);
+        let poses = self.station.poses.latest(now_s);
+        if let Some(listener) = &mut self.listener {
+            listener(&Heard {
+                now_s,
+                poses,
+                arm,
+                mode: self.link.mode(),
+                armed: self.link.telemetry().armed,
+                autopilot_heard_s: self.link.telemetry().heard_s,
+            });
+        }
+        if let Some(pose) = poses.quadrotor
             && pose.captured_s >= self.vision_s + VISION_S
         {
             self.vision_s = pose.captured_s;
@@ -227,7 +268,7 @@ impl AutopilotVehicle {
         } = self.station.poses.latest(now_s);
         let arm = self.station.arm.telemetry(now_s);
         let telemetry = self.link.telemetry();
-        let fault = match arm.and_then(|arm| arm.fault) {
+        let fault = match arm.and_then(|arm| arm.fault()) {
             _ if telemetry.restarted => Some(Fault::Disarmed),
             _ if self.link.is_refused() => Some(Fault::Refused),
             _ if self.flags.recording_failed.load(Ordering::Relaxed) => Some(Fault::Recording),

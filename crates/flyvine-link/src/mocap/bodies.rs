@@ -99,6 +99,11 @@ impl Bodies {
         Ok(bodies)
     }
 
+    /// The names of quadrotor and end effector.
+    pub fn names(&self) -> [String; 2] {
+        [self.quadrotor.name.clone(), self.end_effector.name.clone()]
+    }
+
     fn check(&mut self) -> Result<(), String> {
         if !(0.0..=500.0).contains(&self.latency_ms) {
             let found = self.latency_ms;

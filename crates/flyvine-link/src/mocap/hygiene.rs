@@ -63,6 +63,20 @@ pub enum LiveFault {
     Swapped,
 }
 
+impl LiveFault {
+    /// Whether the server says where the body is, but it cannot be there. The other faults are poses that are missing.
+    pub fn is_nonsense(self) -> bool {
+        match self {
+            LiveFault::NotFinite
+            | LiveFault::NotUnit
+            | LiveFault::Jump
+            | LiveFault::Turn
+            | LiveFault::Swapped => true,
+            LiveFault::Untracked | LiveFault::Late | LiveFault::Frozen => false,
+        }
+    }
+}
+
 /// How often each fault was found in one body, in poses; for the last three, in events.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct HygieneCounts {

@@ -17,6 +17,7 @@ mod hygiene;
 pub mod natnet;
 mod server;
 mod source;
+mod tracker;
 pub mod vrpn;
 mod watch;
 
@@ -26,4 +27,6 @@ pub use error::MocapError;
 pub use frame::{BodyPose, Frame, Incoming, LinkState, Sink};
 pub use hygiene::{HygieneCounts, HygieneLimits, LiveFault};
 pub use server::MocapServer;
-pub use source::{Address, BodyStatus, Latest, MocapSource, MocapStatus, StampedPose};
+pub use source::{Address, MocapSource};
+pub(crate) use tracker::Tracker;
+pub use tracker::{BodyStatus, Latest, MocapStatus, Nonsense, StampedPose};

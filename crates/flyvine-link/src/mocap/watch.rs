@@ -37,6 +37,17 @@ struct Suspect {
     swapped: bool,
 }
 
+/// Nonsense that has come of a body since it was last credible, one pose after the other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Nonsense {
+    /// What was wrong with the newest.
+    pub fault: LiveFault,
+    /// When the first was captured, our clock, s.
+    pub since_s: f64,
+    /// When the newest was, our clock, s.
+    pub newest_s: f64,
+}
+
 /// The times of a pose.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stamp {
@@ -54,6 +65,8 @@ pub(super) struct BodyWatch {
     pub name: String,
     limits: HygieneLimits,
     pub credible: Option<Credible>,
+    /// What has come since instead, if it was nonsense.
+    pub nonsense: Option<Nonsense>,
     /// Where the other bodies were when `credible` first had its value.
     others: Vec<(usize, [f64; 3])>,
     suspect: Option<Suspect>,
@@ -76,6 +89,7 @@ impl BodyWatch {
             name: name.to_owned(),
             limits,
             credible: None,
+            nonsense: None,
             others: Vec::new(),
             suspect: None,
             newest_server_s: None,
@@ -101,8 +115,20 @@ impl BodyWatch {
         if self.delays.len() > KEPT {
             self.delays.pop_front();
         }
-        if let Err(fault) = self.judge(pose, stamp, others) {
-            self.counts.add(fault);
+        match self.judge(pose, stamp, others) {
+            Ok(()) => self.nonsense = None,
+            Err(fault) => {
+                self.counts.add(fault);
+                if fault.is_nonsense() {
+                    let newest_s = stamp.captured_s;
+                    let since_s = self.nonsense.map_or(newest_s, |nonsense| nonsense.since_s);
+                    self.nonsense = Some(Nonsense {
+                        fault,
+                        since_s,
+                        newest_s,
+                    });
+                }
+            }
         }
     }
 

@@ -2,11 +2,13 @@
 
 use std::cell::RefCell;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::rc::Rc;
+use std::sync::Arc;
 
 use flyvine::DT;
 use flyvine::control::supervisor::{EventKind, Limits, Reason, Room};
-use flyvine::control::{AbortCause, End, FlightOutcome, OpenLoop, Trajectory, fly};
+use flyvine::control::{AbortCause, End, FlightOutcome, OpenLoop, Trajectory, fly_watched};
 use flyvine::link::VehicleError;
 use flyvine::sim::SimulatedVehicle;
 
@@ -14,7 +16,8 @@ use super::fault::{FaultKind, Phase, Script, ScriptedFault};
 use super::px4::ReceivedSetpoint;
 use super::rig::Rig;
 use super::virtual_station::{LateController, SharedRig, virtual_station};
-use crate::autopilot::{AutopilotVehicle, Flags, LinkOptions, TickReport};
+use crate::autopilot::{AutopilotVehicle, Flags, LinkOptions, MonotonicClock, TickReport};
+use crate::recording::{FlightLog, FlightRecorder, PlannedPaths, RecordingError};
 
 /// A set-point that moves by less than this from the one before it is a hold, m.
 const HOLD_M: f64 = 1e-6;
@@ -37,6 +40,8 @@ pub struct RehearsedFlight<'a> {
     pub script: Script,
     /// Within which limits.
     pub limits: Limits,
+    /// Where to put it down (MCAP); nowhere if left out.
+    pub recording: Option<&'a Path>,
 }
 
 /// What became of it.
@@ -114,17 +119,24 @@ pub fn rehearse(flight: &RehearsedFlight) -> Result<Verdict, VehicleError> {
     );
     let mut open_loop = OpenLoop::new(trajectory);
     let mut controller = LateController::new(&mut open_loop, &rig);
-    let outcome = fly(
+    let log = flight
+        .recording
+        .map(|path| start_log(path, &mut vehicle))
+        .transpose();
+    let log = log.map_err(|error| refused(&error))?;
+    let outcome = fly_watched(
         trajectory,
         &mut controller,
         flight.limits,
         &mut vehicle,
         flight.seed,
         &mut |_, _| ControlFlow::Continue(()),
+        &mut |flown| log.iter().for_each(|log| log.borrow_mut().row(flown)),
     )
-    .map_err(|error| VehicleError::Refused {
-        what: error.to_string(),
-    })?;
+    .map_err(|error| refused(&error))?;
+    if let Some(log) = log {
+        log.borrow_mut().finish().map_err(|error| refused(&error))?;
+    }
     let ticks = vehicle.tick_report();
     let end_s = rig.borrow().now_s();
     // What the vehicle does when nobody is there any more.
@@ -155,6 +167,21 @@ pub fn rehearse(flight: &RehearsedFlight) -> Result<Verdict, VehicleError> {
         down: !rig.px4.is_armed() && rig.stands(),
         outcome,
     })
+}
+
+/// Puts down a flight under a virtual clock, which is much too fast for a disk to be called slow.
+fn start_log(path: &Path, vehicle: &mut AutopilotVehicle) -> Result<Rc<RefCell<FlightLog>>, RecordingError> {
+    let recorder = FlightRecorder::create(path, 0, &PlannedPaths::default(), Arc::default())?;
+    let log = Rc::new(RefCell::new(FlightLog::new(recorder, MonotonicClock::start())));
+    let hears = Rc::clone(&log);
+    vehicle.listen(Box::new(move |heard| hears.borrow_mut().hear(heard)));
+    Ok(log)
+}
+
+fn refused(error: &dyn std::error::Error) -> VehicleError {
+    VehicleError::Refused {
+        what: error.to_string(),
+    }
 }
 
 /// Whether a set-point that travelled as floats is in the room.

@@ -1,9 +1,9 @@
 //! A flight without a vehicle: the simulated one at the other end of the very same wires, with a PX4's manners, and
 //! faults by script.
 
+mod arm_end;
 mod campaign;
 mod fault;
-mod feed;
 mod px4;
 mod px4_telemetry;
 mod rig;
@@ -12,9 +12,8 @@ mod virtual_station;
 
 pub use campaign::{RehearsedFlight, Verdict, one_fault, rehearse, wired_limits};
 pub use fault::{FaultClock, FaultKind, Phase, Script, ScriptError, ScriptedFault};
-pub use feed::{ArmClient, ArmServer, PoseFeed, PoseListener};
 pub use px4::{IDENTITY, ReceivedSetpoint, SimulatedPx4};
 pub use px4_telemetry::Sensed;
-pub use rig::{PERIOD_S, Rig};
-pub use serve::{Addresses, RigEvent, ServeError, serve};
-pub use virtual_station::{LateController, SharedRig, virtual_station};
+pub use rig::{PERIOD_S, Rig, rig_bodies};
+pub use serve::{Ends, RigEvent, ServeError, serve};
+pub use virtual_station::{LateController, STALL_S, SharedRig, virtual_station};

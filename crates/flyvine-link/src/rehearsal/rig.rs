@@ -6,23 +6,33 @@
 //! ground nor folding arms. Its clock stands still there, as nothing moves.
 
 use flyvine::DT;
-use flyvine::flight::{Configuration, Pose};
+use flyvine::flight::Configuration;
 use flyvine::link::{Observation, Vehicle, VehicleError};
 use flyvine::sim::SimulatedVehicle;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::arm_end::ArmEnd;
 use super::fault::{FaultClock, FaultKind, Phase, Script};
 use super::px4::SimulatedPx4;
 use super::px4_telemetry::Sensed;
-use crate::autopilot::{ArmTelemetry, GROWTH_MAX_M_S, LatestPoses, SigningKey, Stamped};
+use crate::autopilot::SigningKey;
+use crate::mocap::{Bodies, BodyPose, Frame};
+
+/// Name of the quadrotor's body in motion capture.
+const QUADROTOR: &str = "drone";
+/// Name of the end effector's.
+const END_EFFECTOR: &str = "tip";
+
+/// The bodies that a rig shows to motion capture, for the base station.
+pub fn rig_bodies() -> Bodies {
+    Bodies::named(QUADROTOR, END_EFFECTOR)
+}
 
 /// Period of physics and autopilot, s.
 pub const PERIOD_S: f64 = 0.005;
 /// Periods from one frame of motion capture to the next: 100 Hz.
 const MOCAP_PERIODS: u64 = 2;
-/// Periods from one word of the arm to the next: 50 Hz.
-const ARM_PERIODS: u64 = 4;
 /// How far the tip hangs above the floor when the vehicle stands, m.
 const TIP_CLEARANCE_M: f64 = 0.05;
 /// A target this far above a standing vehicle lifts it off, m.
@@ -50,14 +60,17 @@ pub struct Rig {
     faults: FaultClock,
     random: ChaCha8Rng,
     configuration: Configuration,
-    growth_m_s: f64,
-    arm_heard_s: f64,
+    arm: ArmEnd,
+    /// What the arm has said, on its way to the base station.
+    arm_said: Vec<u8>,
     flying: bool,
     lifted: bool,
     periods: u64,
     now_s: f64,
     seen: Observation,
-    latest: LatestPoses,
+    /// The newest poses, as motion capture shows them.
+    shown: Vec<BodyPose>,
+    frames: Vec<Frame>,
     to_autopilot: Vec<InFlight>,
     to_base: Vec<InFlight>,
     armed_setpoint: Option<[f64; 3]>,
@@ -89,14 +102,15 @@ impl Rig {
             faults: FaultClock::new(script),
             random,
             configuration,
-            growth_m_s: 0.0,
-            arm_heard_s: 0.0,
+            arm: ArmEnd::software(configuration),
+            arm_said: Vec::new(),
             flying: false,
             lifted: false,
             periods: 0,
             now_s: 0.0,
             seen,
-            latest: LatestPoses::default(),
+            shown: Vec::new(),
+            frames: Vec::new(),
             to_autopilot: Vec::new(),
             to_base: Vec::new(),
             armed_setpoint: None,
@@ -143,27 +157,54 @@ impl Rig {
         arrived(&mut self.to_base, now_s)
     }
 
-    /// The newest poses of motion capture.
-    pub fn latest_poses(&self) -> LatestPoses {
-        self.latest
+    /// The frames of motion capture since the last call, by this clock.
+    pub fn take_mocap_frames(&mut self) -> Vec<Frame> {
+        std::mem::take(&mut self.frames)
     }
 
-    /// The newest word of the arm.
-    pub fn arm_telemetry(&self) -> ArmTelemetry {
-        ArmTelemetry {
-            heard_s: self.arm_heard_s,
-            length_m: Some(self.configuration.length_m),
-            fault: self.has(FaultKind::ArmFault).then_some(1),
+    /// Takes bytes from the base station on the arm's line.
+    pub fn receive_arm(&mut self, bytes: &[u8]) {
+        if !self.has(FaultKind::BaseKilled) && !self.has(FaultKind::VehicleKilled) {
+            self.arm.receive(bytes, &mut self.arm_said);
         }
     }
 
-    /// Growth rate, m/s, and pressure, kPa, from the base station.
-    pub fn command_arm(&mut self, growth_m_s: f64, pressure_kpa: f64) {
-        if self.has(FaultKind::BaseKilled) || !(growth_m_s.is_finite() && pressure_kpa.is_finite()) {
-            return;
+    /// What the arm has said since the last call.
+    pub fn take_arm_bytes(&mut self) -> Vec<u8> {
+        let said = std::mem::take(&mut self.arm_said);
+        match self.has(FaultKind::ArmSilent) || self.has(FaultKind::VehicleKilled) {
+            true => Vec::new(),
+            false => said,
         }
-        self.growth_m_s = growth_m_s.clamp(-GROWTH_MAX_M_S, GROWTH_MAX_M_S);
-        self.configuration.pressure_kpa = pressure_kpa;
+    }
+
+    /// Puts a board with the firmware in the software arm's place: what it is told and says goes through the rig.
+    pub fn use_board(&mut self) {
+        self.arm = ArmEnd::board();
+    }
+
+    /// Bytes for the board, since the last call.
+    pub fn take_for_board(&mut self) -> Vec<u8> {
+        self.arm.take_for_board()
+    }
+
+    /// Takes what the board has said: the vehicle's arm is as the board's telemetry has it.
+    pub fn hear_board(&mut self, bytes: &[u8]) {
+        if let Some(configuration) = self.arm.hear_board(bytes) {
+            self.set_configuration(configuration);
+        }
+        self.arm_said.extend_from_slice(bytes);
+    }
+
+    /// The arm has another length and pressure, as far as the vehicle can have them.
+    fn set_configuration(&mut self, found: Configuration) {
+        let parameters = self.vehicle.parameters();
+        let [low, high] = parameters.arm.length_range_m;
+        let highest_kpa = parameters.pneumatics.max_pressure_kpa;
+        self.configuration = Configuration {
+            length_m: found.length_m.clamp(low, high),
+            pressure_kpa: found.pressure_kpa.clamp(0.0, highest_kpa),
+        };
     }
 
     /// Lets time go on until `time_s`.
@@ -183,6 +224,10 @@ impl Rig {
             self.px4.receive(now_s, &bytes);
         }
         self.follow_script();
+        let is_broken = self.has(FaultKind::ArmFault);
+        if let Some(configuration) = self.arm.step(PERIOD_S, is_broken, &mut self.arm_said) {
+            self.set_configuration(configuration);
+        }
         self.fly()?;
         let pose = self.vehicle.truth().quadrotor;
         let sensed = Sensed {
@@ -199,10 +244,6 @@ impl Rig {
         }
         if self.periods.is_multiple_of(MOCAP_PERIODS) {
             self.capture();
-        }
-        let arm_speaks = !self.has(FaultKind::ArmSilent) && !self.has(FaultKind::VehicleKilled);
-        if self.periods.is_multiple_of(ARM_PERIODS) && arm_speaks {
-            self.arm_heard_s = now_s;
         }
         Ok(())
     }
@@ -225,9 +266,6 @@ impl Rig {
             self.seen = self.vehicle.advance(position, self.configuration, 0.0)?;
             return Ok(());
         }
-        let [low, high] = self.vehicle.parameters().arm.length_range_m;
-        let length_m = self.configuration.length_m + self.growth_m_s * PERIOD_S;
-        self.configuration.length_m = length_m.clamp(low, high);
         // Without motors it falls; as far as this physics can fall.
         let [x, y, z] = position;
         let command = target.unwrap_or([x, y, z - FALL_M]);
@@ -240,19 +278,20 @@ impl Rig {
         if self.has(FaultKind::MocapStale) || self.has(FaultKind::VehicleKilled) {
             return;
         }
-        let captured_s = self.now_s;
-        if self.has(FaultKind::MocapFrozen) {
-            let again = |stamp: &mut f64| *stamp = captured_s;
-            self.latest
-                .quadrotor
-                .iter_mut()
-                .for_each(|pose| again(&mut pose.captured_s));
-            self.latest
-                .end_effector
-                .iter_mut()
-                .for_each(|tip| again(&mut tip.captured_s));
-            return;
+        if !self.has(FaultKind::MocapFrozen) {
+            self.show();
         }
+        if !self.shown.is_empty() {
+            self.frames.push(Frame {
+                captured_s: self.now_s,
+                sent_s: self.now_s,
+                bodies: self.shown.clone(),
+            });
+        }
+    }
+
+    /// What motion capture makes of what it sees.
+    fn show(&mut self) {
         let (mut quadrotor, mut tip) = (self.seen.quadrotor, self.seen.end_effector);
         if self.has(FaultKind::MocapSwap)
             && let (Some(pose), Some(tip)) = (&mut quadrotor, &mut tip)
@@ -264,16 +303,20 @@ impl Rig {
             tip.iter_mut().for_each(|tip| tip[0] += JUMP_M);
         }
         if self.has(FaultKind::MocapNan) {
-            quadrotor
-                .iter_mut()
-                .for_each(|pose: &mut Pose| pose.position[2] = f64::NAN);
+            quadrotor.iter_mut().for_each(|pose| pose.position[2] = f64::NAN);
         }
-        if let Some(value) = quadrotor {
-            self.latest.quadrotor = Some(Stamped { value, captured_s });
-        }
-        if let Some(value) = tip {
-            self.latest.end_effector = Some(Stamped { value, captured_s });
-        }
+        let body = |name: &str, position, attitude| BodyPose {
+            name: name.to_owned(),
+            position,
+            attitude,
+            tracked: true,
+        };
+        // A marker body that is missed is not sent.
+        self.shown.clear();
+        self.shown
+            .extend(quadrotor.map(|pose| body(QUADROTOR, pose.position, pose.attitude)));
+        self.shown
+            .extend(tip.map(|tip| body(END_EFFECTOR, tip, [1.0, 0.0, 0.0, 0.0])));
     }
 
     /// Where the flight stands, and what goes wrong then once.

@@ -1,39 +1,35 @@
 //! The rig in real time over sockets.
 
-use std::net::SocketAddr;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use flyvine::link::VehicleError;
 
 use super::fault::{FaultKind, Phase};
-use super::feed::{ArmServer, PoseFeed};
 use super::rig::{PERIOD_S, Rig};
-use crate::autopilot::{Clock, MonotonicClock, UdpWire, Wire};
+use crate::arm::Pty;
+use crate::autopilot::{Clock, MonotonicClock, Wire};
+use crate::mocap::{MocapError, MocapServer};
 
-/// Where the wires end, all on one machine.
-#[derive(Debug, Clone, Copy)]
-pub struct Addresses {
-    /// The base station's MAVLink port, which is called.
-    pub autopilot: SocketAddr,
-    /// The base station's pose listener, which is fed; none if nobody wants poses.
-    pub poses: Option<SocketAddr>,
-    /// Where the arm listens; none if there is nobody to command it.
-    pub arm: Option<SocketAddr>,
+/// The vehicle's ends of the wires.
+pub struct Ends {
+    /// The line to the base station's MAVLink port.
+    pub autopilot: Box<dyn Wire>,
+    /// Motion capture; none if nobody wants poses.
+    pub mocap: Option<MocapServer>,
+    /// The arm's serial line; none if there is nobody to command it.
+    pub arm: Option<Pty>,
+    /// The serial line to a board with the arm's firmware, if there is one: [`Rig::use_board`].
+    pub board: Option<File>,
 }
 
 /// Why the vehicle's end stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// A socket that cannot be opened.
-    #[error("{what} {address}: {error}")]
-    Socket {
-        /// Which.
-        what: &'static str,
-        /// Where.
-        address: SocketAddr,
-        /// What the system says.
-        error: std::io::Error,
-    },
+    /// Motion capture.
+    #[error(transparent)]
+    Mocap(#[from] MocapError),
     /// The physics.
     #[error(transparent)]
     Vehicle(#[from] VehicleError),
@@ -51,49 +47,44 @@ pub enum RigEvent {
 /// Serves `rig` until `stop`. Each event is told to `tell` as it happens.
 pub fn serve(
     rig: &mut Rig,
-    addresses: &Addresses,
+    ends: &mut Ends,
     stop: &AtomicBool,
     tell: &mut dyn FnMut(f64, RigEvent),
 ) -> Result<(), ServeError> {
-    let failed = |what, address| move |error| ServeError::Socket { what, address, error };
-    let address = addresses.autopilot;
-    let mut wire = UdpWire::call(address).map_err(failed("autopilot", address))?;
-    let mut feed = match addresses.poses {
-        Some(address) => Some(PoseFeed::to(address).map_err(failed("poses", address))?),
-        None => None,
-    };
-    let mut arm = match addresses.arm {
-        Some(address) => Some(ArmServer::bind(address).map_err(failed("arm", address))?),
-        None => None,
-    };
     let mut clock = MonotonicClock::start();
     let mut phase = Phase::Idle;
     let mut begun = Vec::new();
-    let mut arm_told_s = f64::NEG_INFINITY;
     let mut bytes = Vec::new();
     let mut next_s = 0.0;
     while !stop.load(Ordering::Relaxed) {
         bytes.clear();
-        wire.receive(&mut bytes);
+        ends.autopilot.receive(&mut bytes);
         if !bytes.is_empty() {
             rig.receive(&bytes);
         }
-        if let Some((growth_m_s, pressure_kpa)) = arm.as_mut().and_then(ArmServer::receive) {
-            rig.command_arm(growth_m_s, pressure_kpa);
+        if let Some(arm) = &mut ends.arm {
+            read(&mut arm.file, |bytes| rig.receive_arm(bytes));
+        }
+        if let Some(board) = &mut ends.board {
+            read(board, |bytes| rig.hear_board(bytes));
         }
         rig.advance_to(clock.now_s())?;
         for frame in rig.take_frames() {
-            wire.send(&frame);
+            ends.autopilot.send(&frame);
         }
-        if let Some(feed) = &mut feed {
-            feed.publish(&clock, &rig.latest_poses());
+        for frame in rig.take_mocap_frames() {
+            if let Some(mocap) = &ends.mocap {
+                mocap.publish(clock.unix_s(frame.captured_s), &frame.bodies)?;
+            }
         }
-        let telemetry = rig.arm_telemetry();
-        if let Some(arm) = &mut arm
-            && telemetry.heard_s > arm_told_s
-        {
-            arm_told_s = telemetry.heard_s;
-            arm.publish(&telemetry);
+        // A line whose buffer is full loses the bytes, as a real one.
+        let said = rig.take_arm_bytes();
+        if let Some(arm) = &mut ends.arm {
+            let _ = arm.file.write(&said);
+        }
+        let told = rig.take_for_board();
+        if let Some(board) = &mut ends.board {
+            let _ = board.write(&told);
         }
         if rig.faults().phase() != phase {
             phase = rig.faults().phase();
@@ -109,4 +100,12 @@ pub fn serve(
         clock.sleep_until(next_s);
     }
     Ok(())
+}
+
+/// Takes what waits on a line that never blocks.
+fn read(line: &mut File, mut take: impl FnMut(&[u8])) {
+    let mut bytes = [0; 2048];
+    while let Ok(count @ 1..) = line.read(&mut bytes) {
+        take(&bytes[..count]);
+    }
 }

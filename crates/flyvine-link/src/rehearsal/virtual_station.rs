@@ -2,16 +2,20 @@
 //! go on. The same flight to the last bit, thousands of them in minutes.
 
 use std::cell::RefCell;
+use std::io::{ErrorKind, Read, Write};
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 use flyvine::control::{Controller, Proposal, Tick};
 
 use super::fault::FaultKind;
-use super::rig::Rig;
-use crate::autopilot::{ArmLink, ArmTelemetry, Clock, Flags, LatestPoses, PoseSource, Station, Wire};
+use super::rig::{Rig, rig_bodies};
+use crate::arm::FramedArm;
+use crate::autopilot::{Clock, Flags, LatestPoses, PoseSource, Station, Wire, WiredArm};
+use crate::mocap::{HygieneLimits, Incoming, Tracker};
 
 /// How long a base station that stalls stands still, s.
-const STALL_S: f64 = 0.16;
+pub const STALL_S: f64 = 0.16;
 
 /// The rig, shared by the wires of one station and by whoever judges.
 pub type SharedRig = Rc<RefCell<Rig>>;
@@ -25,8 +29,11 @@ pub fn virtual_station(rig: &SharedRig, flags: &Flags) -> Station {
             stalled: false,
         }),
         wire: Box::new(VirtualWire(Rc::clone(rig))),
-        poses: Box::new(VirtualMocap(Rc::clone(rig))),
-        arm: Box::new(VirtualArm(Rc::clone(rig))),
+        poses: Box::new(VirtualMocap::new(rig)),
+        arm: Box::new(WiredArm::new(Box::new(FramedArm::new(
+            VirtualLine(Rc::clone(rig)),
+            rig.borrow().now_s(),
+        )))),
     }
 }
 
@@ -72,23 +79,65 @@ impl Wire for VirtualWire {
     }
 }
 
-struct VirtualMocap(SharedRig);
+/// Frames without a network: from the rig to what judges them.
+struct VirtualMocap {
+    rig: SharedRig,
+    tracker: Tracker,
+    epoch: Instant,
+}
 
-impl PoseSource for VirtualMocap {
-    fn latest(&mut self, _now_s: f64) -> LatestPoses {
-        self.0.borrow().latest_poses()
+impl VirtualMocap {
+    fn new(rig: &SharedRig) -> Self {
+        let epoch = Instant::now();
+        Self {
+            rig: Rc::clone(rig),
+            tracker: Tracker::new(Some(rig_bodies()), HygieneLimits::default(), epoch),
+            epoch,
+        }
+    }
+
+    /// An instant for a time of the rig's clock; only differences matter.
+    fn instant(&self, time_s: f64) -> Instant {
+        self.epoch + Duration::from_secs_f64(time_s.max(0.0))
     }
 }
 
-struct VirtualArm(SharedRig);
+impl PoseSource for VirtualMocap {
+    fn latest(&mut self, now_s: f64) -> LatestPoses {
+        let frames = self.rig.borrow_mut().take_mocap_frames();
+        for frame in frames {
+            let arrived = self.instant(frame.captured_s);
+            self.tracker.take(Incoming::Frame(frame, arrived));
+        }
+        let latest = self.tracker.latest(self.instant(now_s));
+        LatestPoses::new(&latest, |instant| (instant - self.epoch).as_secs_f64())
+    }
+}
 
-impl ArmLink for VirtualArm {
-    fn command(&mut self, _now_s: f64, growth_m_s: f64, pressure_kpa: f64) {
-        self.0.borrow_mut().command_arm(growth_m_s, pressure_kpa);
+/// The arm's line without a device.
+struct VirtualLine(SharedRig);
+
+impl Read for VirtualLine {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let said = self.0.borrow_mut().take_arm_bytes();
+        if said.is_empty() {
+            return Err(ErrorKind::WouldBlock.into());
+        }
+        // What does not fit is lost, as on a line that nobody reads for long.
+        let count = said.len().min(buffer.len());
+        buffer[..count].copy_from_slice(&said[..count]);
+        Ok(count)
+    }
+}
+
+impl Write for VirtualLine {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.borrow_mut().receive_arm(bytes);
+        Ok(bytes.len())
     }
 
-    fn telemetry(&mut self, _now_s: f64) -> Option<ArmTelemetry> {
-        Some(self.0.borrow().arm_telemetry())
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
     }
 }
 

@@ -147,6 +147,8 @@ fn decode(file: &str, bytes: &[u8]) -> Result<(Flight, Option<McapError>), Fligh
         Ok(messages) => {
             for message in messages {
                 match message {
+                    // Recordings carry more than rows; the sequence numbers of other topics are their own.
+                    Ok(message) if !is_row(&message) => (),
                     Ok(message) => rows.entry(message.sequence).or_default().read(file, &message)?,
                     Err(error) => {
                         end = Some(error);
@@ -205,7 +207,7 @@ fn decode(file: &str, bytes: &[u8]) -> Result<(Flight, Option<McapError>), Fligh
 }
 
 impl PartialRow {
-    /// Takes in one message; those of other topics are ignored.
+    /// Takes in one message of a row.
     fn read(&mut self, file: &str, message: &::mcap::Message) -> Result<(), FlightError> {
         let topic = message.channel.topic.as_str();
         let fail = |problem| FlightError::in_file(file, problem).field(&place(topic, message.sequence));
@@ -233,10 +235,7 @@ impl PartialRow {
                 .try_for_each(plausible::velocity)
                 .map_err(fail)?;
             self.command_velocity = Some([x, y, z]);
-        } else if [COMMAND, QUADROTOR, END_EFFECTOR]
-            .iter()
-            .any(|pose| pose.name == topic)
-        {
+        } else {
             let Pose { position, attitude } = decode_pose(message).map_err(fail)?;
             match topic {
                 _ if topic == COMMAND.name => self.command = Some(position),
@@ -271,6 +270,13 @@ fn decode_pose(message: &::mcap::Message) -> Result<Pose, Problem> {
     let attitude = quaternion::unit([orientation.w, orientation.x, orientation.y, orientation.z])
         .map_err(|norm| Problem::NotUnitQuaternion { norm })?;
     Ok(Pose { position, attitude })
+}
+
+/// Whether a message is part of a row, as the reader of flights sees it.
+fn is_row(message: &::mcap::Message) -> bool {
+    [CONFIGURATION, COMMAND, COMMAND_VELOCITY, QUADROTOR, END_EFFECTOR]
+        .iter()
+        .any(|topic| topic.name == message.channel.topic)
 }
 
 /// Whether a message is one of an earlier version's.

@@ -127,7 +127,8 @@ pub(super) struct ConfigurationMessage {
 
 /// `foxglove.Vector3`
 #[derive(Clone, Copy, PartialEq, prost::Message, Deserialize)]
-pub(super) struct Vector3 {
+#[expect(missing_docs, reason = "as in the schema")]
+pub struct Vector3 {
     #[prost(double, required, tag = "1")]
     pub x: f64,
     #[prost(double, required, tag = "2")]
@@ -138,7 +139,8 @@ pub(super) struct Vector3 {
 
 /// `foxglove.Quaternion`
 #[derive(Clone, Copy, PartialEq, prost::Message, Deserialize)]
-pub(super) struct Quaternion {
+#[expect(missing_docs, reason = "as in the schema")]
+pub struct Quaternion {
     #[prost(double, required, tag = "1")]
     pub x: f64,
     #[prost(double, required, tag = "2")]
@@ -151,7 +153,8 @@ pub(super) struct Quaternion {
 
 /// `foxglove.Pose`
 #[derive(Clone, Copy, PartialEq, prost::Message, Deserialize)]
-pub(super) struct PoseMessage {
+#[expect(missing_docs, reason = "as in the schema")]
+pub struct PoseMessage {
     #[prost(message, optional, tag = "1")]
     pub position: Option<Vector3>,
     #[prost(message, optional, tag = "2")]
@@ -160,7 +163,8 @@ pub(super) struct PoseMessage {
 
 /// `foxglove.PoseInFrame`
 #[derive(Clone, PartialEq, prost::Message, Deserialize)]
-pub(super) struct PoseInFrame {
+#[expect(missing_docs, reason = "as in the schema")]
+pub struct PoseInFrame {
     #[prost(message, optional, tag = "1")]
     #[serde(skip)]
     timestamp: Option<Timestamp>,
@@ -171,7 +175,8 @@ pub(super) struct PoseInFrame {
 }
 
 impl PoseInFrame {
-    fn new(time_ns: u64, [x, y, z]: [f64; 3], [qw, qx, qy, qz]: [f64; 4]) -> Self {
+    /// A pose in the world frame (m; Hamilton quaternion, scalar first), stamped with `time_ns`.
+    pub fn new(time_ns: u64, [x, y, z]: [f64; 3], [qw, qx, qy, qz]: [f64; 4]) -> Self {
         Self {
             timestamp: Some(Timestamp {
                 seconds: (time_ns / 1_000_000_000) as i64,

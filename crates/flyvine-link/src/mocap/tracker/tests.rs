@@ -15,7 +15,7 @@ fn body(name: &str, position: [f64; 3]) -> BodyPose {
 
 /// A source without sockets, fed by hand.
 struct Bench {
-    state: State,
+    tracker: Tracker,
     epoch: Instant,
 }
 
@@ -23,7 +23,7 @@ impl Bench {
     fn new(bodies: Option<Bodies>) -> Self {
         let epoch = Instant::now();
         Bench {
-            state: State::new(bodies, HygieneLimits::default(), epoch),
+            tracker: Tracker::new(bodies, HygieneLimits::default(), epoch),
             epoch,
         }
     }
@@ -40,7 +40,7 @@ impl Bench {
             bodies,
         };
         let arrived = self.at(t_s + 0.003);
-        self.state.take(Incoming::Frame(frame, arrived));
+        self.tracker.take(Incoming::Frame(frame, arrived));
     }
 }
 
@@ -56,7 +56,7 @@ fn ages_run_from_the_capture() {
             vec![body("drone", [t_s, 0.0, 1.5]), body("tip", [t_s, 0.0, 0.8])],
         );
     }
-    let latest = bench.state.latest(bench.at(1.04));
+    let latest = bench.tracker.latest(bench.at(1.04));
     let quadrotor = latest.quadrotor.unwrap();
     assert_eq!(quadrotor.pose.position, [0.99, 0.0, 1.5]);
     // The transport's 1 ms cannot be seen from one side.
@@ -76,8 +76,8 @@ fn nothing_is_invented_before_it_was_seen() {
         0.0,
         vec![body("wand", [0.0; 3]), body("drone", [0.0, 0.0, f64::NAN])],
     );
-    assert_eq!(bench.state.latest(bench.at(0.1)), Latest::default());
-    let status = bench.state.status(bench.at(0.1));
+    assert_eq!(bench.tracker.latest(bench.at(0.1)), Latest::default());
+    let status = bench.tracker.status(bench.at(0.1));
     let names: Vec<(&str, Option<&str>, u64)> = status
         .bodies
         .iter()
@@ -106,11 +106,11 @@ fn swapped_labels_in_one_frame_are_seen_in_both_bodies() {
             (drone, tip)
         };
         bench.frame(t_s, vec![body("drone", drone), body("tip", tip)]);
-        let latest = bench.state.latest(bench.at(t_s + 0.003));
+        let latest = bench.tracker.latest(bench.at(t_s + 0.003));
         assert_eq!(latest.quadrotor.unwrap().pose.position[2], 1.5);
         assert_eq!(latest.end_effector.unwrap().pose.position[2], 0.8);
     }
-    for body in bench.state.status(bench.at(2.0)).bodies {
+    for body in bench.tracker.status(bench.at(2.0)).bodies {
         assert_eq!(body.faults.swapped, 10, "{body:?}");
     }
 }
@@ -124,8 +124,8 @@ fn time_stamps_that_are_no_numbers_are_counted_and_change_nothing() {
         bodies: vec![body("drone", [0.0; 3])],
     };
     let arrived = bench.at(0.0);
-    bench.state.take(Incoming::Frame(frame, arrived));
-    let status = bench.state.status(arrived);
+    bench.tracker.take(Incoming::Frame(frame, arrived));
+    let status = bench.tracker.status(arrived);
     assert_eq!(
         (status.broken_stamps, status.bodies.len(), status.clock),
         (1, 0, None)
@@ -144,18 +144,15 @@ fn a_server_whose_clock_was_set_is_believed_again() {
             bodies: vec![body("drone", [t_s.sin(), 0.0, 1.5])],
         };
         let arrived = bench.at(t_s + 0.001);
-        bench.state.take(Incoming::Frame(frame, arrived));
-        let age_s = bench.state.latest(bench.at(t_s + 0.001)).quadrotor.unwrap().age_s;
+        bench.tracker.take(Incoming::Frame(frame, arrived));
+        let age_s = bench
+            .tracker
+            .latest(bench.at(t_s + 0.001))
+            .quadrotor
+            .unwrap()
+            .age_s;
         // Not believed at first; then its age is right.
         let expected = if (300..500).contains(&k) { t_s - 2.99 } else { 0.0 };
         assert!((age_s - expected).abs() < 0.02, "{t_s}: {age_s}");
     }
-}
-
-#[test]
-fn addresses_name_their_protocol() {
-    assert!(matches!("vrpn:tcp://vicon".parse(), Ok(Address::Vrpn(address)) if address.tcp_only));
-    assert!(matches!("natnet:motive:1510".parse(), Ok(Address::NatNet(address)) if address.port == 1510));
-    assert!("vicon".parse::<Address>().is_err());
-    assert!("qualisys:host".parse::<Address>().is_err());
 }
