@@ -96,6 +96,7 @@ parameters! {
     Vehicle rate_time_constant: "s", 0.03 in 0.005..0.1, Log 0.5, "lag of the angular acceleration (motors)";
     Vehicle thrust_time_constant: "s", 0.03 in 0.001..0.3, Log 0.5, "lag of the collective thrust (motors)";
     Vehicle command_delay: "s", 0.02 in 0.0..0.05, Linear 0.01, "transport delay of the position command";
+    Vehicle velocity_feedforward: "1", 0.0 in -0.5..1.5, Linear 1.0, "share of the commanded velocity that the velocity loop is given beside the position loop's";
     Vehicle quadrotor_drag: "1/s", 0.1 in 0.001..2.0, Log 1.0, "linear drag of the quadrotor per its mass";
     Vehicle arm_torque_gain: "1/m^2", 50.0 in 0.1..1000.0, Log 1.5, "quadrotor mass over its moment of inertia, as far as the rate loop lets the arm turn it";
     Arm base_offset: "m", 0.05 in -0.05..0.3, Linear 0.05, "arm's base below the quadrotor's reference point";

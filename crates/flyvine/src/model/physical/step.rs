@@ -23,6 +23,8 @@ pub fn step<S: Scalar>(
     state: &State<S>,
     command: &Vector<S>,
 ) -> State<S> {
+    // Where the velocity loop is given the setpoint's velocity, that is how far it moved since the last command.
+    let command_velocity = (*command - state.command).scale(1.0 / DT);
     let mut now = *state;
     for substep in 0..SUBSTEPS {
         let arrived = (-parameters.command_delay + (substep + 1) as f64 * SUBSTEP_S) * (1.0 / SUBSTEP_S);
@@ -37,7 +39,7 @@ pub fn step<S: Scalar>(
             length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
             ..arm
         };
-        now = advance(parameters, length, &now, &effective);
+        now = advance(parameters, length, &now, &effective, &command_velocity);
     }
     now.command = *command;
     now
@@ -49,11 +51,12 @@ fn advance<S: Scalar>(
     arm: ArmLength,
     state: &State<S>,
     command: &Vector<S>,
+    command_velocity: &Vector<S>,
 ) -> State<S> {
     const H: f64 = SUBSTEP_S;
     let p = parameters;
     let rotation = state.rotation();
-    let pilot = autopilot(p, state, &rotation, command);
+    let pilot = autopilot(p, state, &rotation, command, command_velocity);
     let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration);
 
     // First-order lags by implicit Euler: x⁺ = x + (x_sp − x) h / (τ + h).

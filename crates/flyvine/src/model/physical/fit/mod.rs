@@ -83,6 +83,9 @@ const LIMITS: [&str; 4] = [
     "vertical_speed_limit",
 ];
 
+/// The parameter that only flights with commanded velocities tell.
+const FEEDFORWARD: &str = "velocity_feedforward";
+
 /// What a fit is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FitStage {
@@ -125,7 +128,7 @@ pub fn fit_physical(
     let first = first_stage(&stretches, options, progress).ok_or(PhysicalError::Diverged)?;
     let problem = Problem {
         misfits: vec![whole_flights(&stretches, options)],
-        held: held(options, &[]),
+        held: held(options, &stretches, &[]),
         trust: None,
     };
     let minimum = minimize(
@@ -163,7 +166,7 @@ pub fn fit_configurations(
         .collect::<Result<Vec<_>, _>>()?;
     let problem = Problem {
         misfits: stretches.iter().map(|own| whole_flights(own, options)).collect(),
-        held: held(options, &[]),
+        held: held(options, stretches.iter().flatten(), &[]),
         trust: options.trust_radius.map(|radius| (starts.to_vec(), radius)),
     };
     let start = starts.iter().map(|start| match &options.vehicle {
@@ -301,11 +304,21 @@ fn first_stage(
     let counted_rows = misfit.counted_rows() as f64;
     let problem = Problem {
         misfits: vec![misfit],
-        held: held(options, &LIMITS),
+        held: held(options, flights, &LIMITS),
         trust: None,
     };
     let mut best: Option<Minimum> = None;
-    let starts = options.starts.iter().copied().chain(built_in_starts());
+    // A vehicle that is sent velocities most likely follows them.
+    let feedforward = if problem.held.contains(&FEEDFORWARD) {
+        0.0
+    } else {
+        1.0
+    };
+    let built_in = built_in_starts().map(|start| Parameters {
+        velocity_feedforward: feedforward,
+        ..start
+    });
+    let starts = options.starts.iter().copied().chain(built_in);
     for (number, mut start) in starts.enumerate() {
         if let Some(vehicle) = &options.vehicle {
             start = start.with_vehicle(vehicle);
@@ -324,14 +337,21 @@ fn first_stage(
     best
 }
 
-/// Names of the parameters that stay: `limits`, and the vehicle's where it is known.
-fn held<'a>(options: &PhysicalFitOptions, limits: &[&'a str]) -> Vec<&'a str> {
+/// Names of the parameters that stay: `limits`, the vehicle's where it is known, and the feed-forward where some
+/// flight was not sent velocities.
+fn held<'a, 'b>(
+    options: &PhysicalFitOptions,
+    flights: impl IntoIterator<Item = &'b FlightData>,
+    limits: &[&'a str],
+) -> Vec<&'a str> {
+    let sent = flights.into_iter().all(|flight| flight.commanded_velocity);
     let vehicle = PARAMETERS
         .iter()
         .filter(|info| options.vehicle.is_some() && info.part == Part::Vehicle);
     limits
         .iter()
         .copied()
+        .chain((!sent).then_some(FEEDFORWARD))
         .chain(vehicle.map(|info| info.name))
         .collect()
 }
