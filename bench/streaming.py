@@ -38,7 +38,7 @@ def flight(seed, rows):
     lag = lambda x, share: np.stack([_filter(column, share) for column in x.T], 1)
     quadrotor = lag(lag(command, 0.25), 0.3)
     acceleration = np.gradient(np.gradient(quadrotor, DT, axis=0), DT, axis=0)
-    tilt = acceleration[:, [1, 0, 2]] * [-0.05, 0.05, 0.005]
+    tilt = 0.5 * np.tanh(0.1 * acceleration[:, [1, 0, 2]] * [-1, 1, 0.1])
     swing = quadrotor - lag(quadrotor, 0.2)
     tip = quadrotor - 1.2 * swing
     tip[:, 2] -= LENGTH_M - 0.5 * (swing**2).sum(1)

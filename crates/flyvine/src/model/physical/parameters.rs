@@ -136,12 +136,17 @@ impl Parameters<f64> {
         }))
     }
 
-    /// Variables of a derivative with respect to the coordinates.
+    /// Variables of a derivative with respect to the coordinates. No feed-forward at all is a vehicle that is not sent
+    /// velocities: then it is a constant, of which flights say nothing.
     pub fn variables(&self) -> Parameters<Dual<PARAMETER_COUNT>> {
         let values = self.to_array();
-        Parameters::from_array(std::array::from_fn(|i| {
+        let mut variables = Parameters::from_array(std::array::from_fn(|i| {
             Dual::variable(values[i], i).chain(values[i], PARAMETERS[i].value_slope(values[i]))
-        }))
+        }));
+        if self.velocity_feedforward == 0.0 {
+            variables.velocity_feedforward = Dual::from(0.0);
+        }
+        variables
     }
 
     /// Weighted mean in the coordinates: positive parameters geometrically, the others arithmetically. The

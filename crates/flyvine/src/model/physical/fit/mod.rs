@@ -83,9 +83,6 @@ const LIMITS: [&str; 4] = [
     "vertical_speed_limit",
 ];
 
-/// The parameter that only flights with commanded velocities tell.
-const FEEDFORWARD: &str = "velocity_feedforward";
-
 /// What a fit is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FitStage {
@@ -128,7 +125,7 @@ pub fn fit_physical(
     let first = first_stage(&stretches, options, progress).ok_or(PhysicalError::Diverged)?;
     let problem = Problem {
         misfits: vec![whole_flights(&stretches, options)],
-        held: held(options, &stretches, &[]),
+        held: held(options, &[]),
         trust: None,
     };
     let minimum = minimize(
@@ -166,12 +163,15 @@ pub fn fit_configurations(
         .collect::<Result<Vec<_>, _>>()?;
     let problem = Problem {
         misfits: stretches.iter().map(|own| whole_flights(own, options)).collect(),
-        held: held(options, stretches.iter().flatten(), &[]),
+        held: held(options, &[]),
         trust: options.trust_radius.map(|radius| (starts.to_vec(), radius)),
     };
-    let start = starts.iter().map(|start| match &options.vehicle {
-        Some(vehicle) => start.with_vehicle(vehicle),
-        None => *start,
+    let start = starts.iter().map(|start| {
+        let start = match &options.vehicle {
+            Some(vehicle) => start.with_vehicle(vehicle),
+            None => *start,
+        };
+        sent_velocities(start, stretches.iter().flatten())
     });
     let minimum = minimize(
         &problem,
@@ -304,25 +304,16 @@ fn first_stage(
     let counted_rows = misfit.counted_rows() as f64;
     let problem = Problem {
         misfits: vec![misfit],
-        held: held(options, flights, &LIMITS),
+        held: held(options, &LIMITS),
         trust: None,
     };
     let mut best: Option<Minimum> = None;
-    // A vehicle that is sent velocities most likely follows them.
-    let feedforward = if problem.held.contains(&FEEDFORWARD) {
-        0.0
-    } else {
-        1.0
-    };
-    let built_in = built_in_starts().map(|start| Parameters {
-        velocity_feedforward: feedforward,
-        ..start
-    });
-    let starts = options.starts.iter().copied().chain(built_in);
+    let starts = options.starts.iter().copied().chain(built_in_starts());
     for (number, mut start) in starts.enumerate() {
         if let Some(vehicle) = &options.vehicle {
             start = start.with_vehicle(vehicle);
         }
+        let start = sent_velocities(start, flights);
         let minimum = minimize(&problem, vec![start], FIRST_ITERATIONS, &mut |minimum| {
             report(FitStage::FirstSeconds { start: number }, minimum, progress)
         });
@@ -337,21 +328,31 @@ fn first_stage(
     best
 }
 
-/// Names of the parameters that stay: `limits`, the vehicle's where it is known, and the feed-forward where some
-/// flight was not sent velocities.
-fn held<'a, 'b>(
-    options: &PhysicalFitOptions,
-    flights: impl IntoIterator<Item = &'b FlightData>,
-    limits: &[&'a str],
-) -> Vec<&'a str> {
+/// `start` with a feed-forward if the flights were sent velocities, and without one, which is then no variable, if not.
+fn sent_velocities<'a>(
+    start: Parameters<f64>,
+    flights: impl IntoIterator<Item = &'a FlightData>,
+) -> Parameters<f64> {
     let sent = flights.into_iter().all(|flight| flight.commanded_velocity);
+    let velocity_feedforward = match start.velocity_feedforward {
+        _ if !sent => 0.0,
+        0.0 => 1.0, // what is sent is most likely followed
+        known => known,
+    };
+    Parameters {
+        velocity_feedforward,
+        ..start
+    }
+}
+
+/// Names of the parameters that stay: `limits`, and the vehicle's where it is known.
+fn held<'a>(options: &PhysicalFitOptions, limits: &[&'a str]) -> Vec<&'a str> {
     let vehicle = PARAMETERS
         .iter()
         .filter(|info| options.vehicle.is_some() && info.part == Part::Vehicle);
     limits
         .iter()
         .copied()
-        .chain((!sent).then_some(FEEDFORWARD))
         .chain(vehicle.map(|info| info.name))
         .collect()
 }
