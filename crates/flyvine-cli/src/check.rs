@@ -34,6 +34,9 @@ pub struct CheckArguments {
     json: bool,
 }
 
+/// Fewer windows than this share within a band of 95 %: the band is not about flights like these.
+const MOST: f64 = 0.5;
+
 /// Runs `flyvine check`.
 pub fn run(arguments: &CheckArguments) -> CommandResult {
     let bank = read_bank(&arguments.bank, arguments.extrapolate)?;
@@ -59,18 +62,36 @@ pub fn run(arguments: &CheckArguments) -> CommandResult {
         .iter()
         .flat_map(|flight| &flight.samples)
         .any(|row| !bank.covers(row.configuration));
+    let unsupported = is_unsupported(&report);
     for (found, what) in [
         (diverged, "rollouts diverge"),
         (extrapolated, "the bank was extrapolated"),
+        (
+            unsupported,
+            "most rollouts leave the band of confidence: the flights that the models were fitted on do not support \
+             these (other motions, or another vehicle)",
+        ),
     ] {
         if found {
             say(&format!("warning: {what}: do not trust plans made here"));
         }
     }
-    Ok(if diverged || extrapolated {
+    Ok(if diverged || extrapolated || unsupported {
         Outcome::Untrusted
     } else {
         Outcome::Done
+    })
+}
+
+/// Whether most windows leave the band of confidence at a horizon that it was measured at.
+fn is_unsupported(report: &CheckReport) -> bool {
+    let Some(band) = &report.band else {
+        return false;
+    };
+    report.pooled.iter().any(|pooled| {
+        pooled.kind == WindowKind::All
+            && band.horizons_s.contains(&pooled.error.horizon_s)
+            && pooled.error.within_band.is_some_and(|share| share < MOST)
     })
 }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use flyvine::flight::Flight;
 use flyvine::model::physical::PhysicalFitOptions;
+use flyvine::model::streaming::{Reduction, Shard};
 use flyvine::model::{
     Bank, CheckReport, Chosen, FamiliesReport, Family, FamilyOptions, FamilyTrial, Finding, FitOptions,
     FitReport, HeldOutError, InputFile, Refinement, Ridge, Structure, VelocityInput, bootstrap, check,
@@ -12,9 +13,10 @@ use flyvine::model::{
 
 use crate::check::{band_line, check_table};
 use crate::console::{centimetres, print, print_json, progress, say, table};
+use crate::fit_stream::parse_shard;
 use crate::flights::load_flights;
-use crate::outcome::{Blame, CommandResult, Failure, Outcome};
-use crate::{fit_progress, physical_report};
+use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
+use crate::{fit_bootstrap, fit_progress, fit_stream, physical_report};
 
 /// Identify models from flights and join them in a bank.
 ///
@@ -25,20 +27,31 @@ use crate::{fit_progress, physical_report};
 /// missed becomes the bank's band of confidence.
 ///
 ///   flyvine fit recordings/*.csv --out bank.json --report fit_report
+///
+/// More recordings than memory holds are fitted with --stream: the lag family's least squares with the ridges given (none
+/// by default), in one pass, nothing held out. Several machines share the work with --shard and --merge; the bank has the
+/// same bits:
+///
+///   flyvine fit --shard 1/2 recordings/*.csv --out part_1.json      (and 2/2, elsewhere)
+///   flyvine fit --merge part_1.json part_2.json --out bank.json
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct FitArguments {
     /// Recordings in flyvine's CSV format (see `flyvine convert` for others).
-    #[arg(required = true, value_name = "FLIGHT")]
+    #[arg(required_unless_present = "merge", value_name = "FLIGHT")]
     flights: Vec<PathBuf>,
-    /// Where to write the bank; with --ensemble, the folder for it and its members.
+    /// Where to write the bank; with --ensemble, the folder for it and its members; with --shard, the partial fit.
     #[arg(long, value_name = "BANK.json")]
     out: PathBuf,
     /// Also fit this many banks on flights drawn with replacement: models that the flights allow beside the best one,
     /// to plan against all of them. --out is a folder then, for bank.json and member_1.json, member_2.json, …
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     ensemble: Option<u32>,
-    /// Seed of the ensemble's draws.
+    /// Check the standard errors of a physical bank's parameters: refit it to this many draws of the flights with
+    /// replacement, and print the spread of each parameter over its standard error.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=100), conflicts_with = "json")]
+    bootstrap: Option<u32>,
+    /// Seed of the draws of --ensemble and --bootstrap.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Also write fit.json (everything that was tried) and check.json (errors on these flights) into this folder.
@@ -68,6 +81,20 @@ pub struct FitArguments {
     /// refinement only where it predicts held-out flights better.
     #[arg(long, value_enum, default_value_t = RefinementChoice::Auto)]
     refinement: RefinementChoice,
+    /// Read the recordings one after the other, in memory that does not depend on their number: least squares of the
+    /// lag family, ridges and velocity input as given (auto means none), no refinement.
+    #[arg(long, conflicts_with_all = ["ensemble", "bootstrap", "report", "merge"])]
+    stream: bool,
+    /// Reduce part i of n of the recordings (the same list on every machine) to a partial fit for --merge.
+    #[arg(long, value_name = "i/n", value_parser = parse_shard, conflicts_with_all = ["ensemble", "bootstrap", "report", "merge", "json"])]
+    shard: Option<Shard>,
+    /// Make the bank from the partial fits of all shards, in any order.
+    #[arg(long, value_name = "PARTIAL", num_args = 1.., conflicts_with_all = ["flights", "ensemble", "bootstrap", "report"])]
+    merge: Vec<PathBuf>,
+    /// With --stream or --shard: reduce rows to triangular factors instead of sums of products. Several times slower;
+    /// for columns that depend on each other, where --stream falls back to it by itself.
+    #[arg(long)]
+    orthogonal: bool,
     /// Print the fit's report as JSON.
     #[arg(long)]
     json: bool,
@@ -149,7 +176,13 @@ impl FitArguments {
 
 /// Runs `flyvine fit`.
 pub fn run(arguments: &FitArguments) -> CommandResult {
+    if let Some(result) = run_streaming(arguments) {
+        return result;
+    }
     let flights = load_flights(&arguments.flights)?;
+    if arguments.bootstrap.is_some() && arguments.family == FamilyChoice::Lag {
+        return bad_input("--bootstrap: found --family lag, expected physical, whose parameters mean something each on its own".into());
+    }
     let options = FamilyOptions {
         families: arguments.family.families(),
         lag: arguments.options(),
@@ -176,7 +209,40 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     } else {
         print_report(&report, &checked)?;
     }
+    if let Some(draws) = arguments.bootstrap {
+        fit_bootstrap::run(&bank, &flights, draws, arguments.seed)?;
+    }
     Ok(say_outcome(&report))
+}
+
+/// Runs `flyvine fit --stream`, `--shard` or `--merge`; `None` if it is none of them.
+fn run_streaming(arguments: &FitArguments) -> Option<CommandResult> {
+    let FitArguments {
+        flights, out, json, ..
+    } = arguments;
+    if !arguments.merge.is_empty() {
+        return Some(fit_stream::merge(&arguments.merge, out, *json));
+    }
+    if !arguments.stream && arguments.shard.is_none() {
+        return arguments
+            .orthogonal
+            .then(|| bad_input("--orthogonal goes with --stream or --shard".into()));
+    }
+    if arguments.family == FamilyChoice::Physical {
+        return Some(bad_input(
+            "found --family physical, expected lag: only least squares streams".into(),
+        ));
+    }
+    let reduction = if arguments.orthogonal {
+        Reduction::Orthogonal
+    } else {
+        Reduction::Moments
+    };
+    let options = arguments.options();
+    Some(match arguments.shard {
+        Some(shard) => fit_stream::shard(flights, &options, reduction, shard, out),
+        None => fit_stream::stream(flights, &options, reduction, out, *json),
+    })
 }
 
 /// The recordings and their hashes.
@@ -185,7 +251,8 @@ fn inputs(arguments: &FitArguments) -> Result<Vec<InputFile>, Failure> {
     hashed.collect::<Result<_, _>>().or_input()
 }
 
-fn write_bank(bank: &Bank, path: &Path) -> Result<(), Failure> {
+/// Writes a bank and says so.
+pub fn write_bank(bank: &Bank, path: &Path) -> Result<(), Failure> {
     bank.write(path).or_internal()?;
     say(&format!("wrote {}", path.display()));
     Ok(())

@@ -24,7 +24,8 @@ pub fn fit(flights: &[Flight], options: &FamilyOptions) -> Result<(Bank, Familie
     fitted.or_input()
 }
 
-/// The noise levels of estimators on `bank`; `None` if no flight stays at one of its configurations, which is said.
+/// The noise levels of estimators on `bank`; `None` if no flight stays at one of its configurations, or the bank's
+/// commands are not positions alone, which is said.
 pub fn identify(bank: &Bank, flights: &[Flight]) -> Result<Option<NoiseReport>, Failure> {
     let bar = progress(0, "finding noise levels");
     let found = identify_noise(bank, flights, &mut |configuration| {
@@ -35,7 +36,7 @@ pub fn identify(bank: &Bank, flights: &[Flight]) -> Result<Option<NoiseReport>, 
     });
     bar.finish_and_clear();
     match found {
-        Err(error @ NoiseError::TooShort { .. }) => {
+        Err(error @ (NoiseError::TooShort { .. } | NoiseError::Estimator(_))) => {
             say(&format!(
                 "note: estimators take the family's typical noise levels: {error}"
             ));

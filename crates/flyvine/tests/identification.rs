@@ -9,7 +9,7 @@ use flyvine::flight::{Flight, Mapping};
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{
     CheckReport, Family, FamilyOptions, Finding, FitOptions, LagModel, Refinement, Ridge, Structure, check,
-    fit_bank, fit_families, spectral_radius,
+    fit_bank, fit_families, fit_physical_bank, spectral_radius,
 };
 use flyvine::trajopt::Dynamics;
 use std::path::Path;
@@ -107,11 +107,14 @@ fn slung_loads(matches: impl Fn(&str) -> bool) -> Option<Vec<Flight>> {
 #[test]
 fn a_family_that_does_not_follow_its_own_flights_gives_way() {
     let wanted = ["log201.csv", "log203.csv", "log204.csv"];
-    let Some(all) = slung_loads(|name| wanted.contains(&name)) else {
+    let Some(mut all) = slung_loads(|name| wanted.contains(&name)) else {
         return;
     };
-    // Too few rows to try the lag family with a flight held out; and these vehicles are fed velocities, of which the
-    // physical family never hears.
+    // Too few rows to try the lag family with a flight held out; and the physical family does not follow vehicles that
+    // are fed velocities of which it never hears.
+    for sample in all.iter_mut().flat_map(|flight| &mut flight.samples) {
+        sample.command_velocity = None;
+    }
     let options = FamilyOptions {
         families: vec![Family::Lag, Family::Physical],
         lag: FitOptions::default(),
@@ -123,6 +126,28 @@ fn a_family_that_does_not_follow_its_own_flights_gives_way() {
     for flight in &check(&bank, &all).unwrap().flights {
         assert!(flight.rollout[2].diverged_share == 0.0, "{flight:?}");
     }
+}
+
+#[test]
+fn a_slung_load_that_is_sent_velocities_is_predicted_by_physics() {
+    let Some(all) = slung_loads(|name| name != "log206.csv") else {
+        return;
+    };
+    let mut medians = Vec::new();
+    for left_out in 0..all.len() {
+        let train: Vec<Flight> = (0..all.len())
+            .filter(|&index| index != left_out)
+            .map(|index| all[index].clone())
+            .collect();
+        let (bank, _) = fit_physical_bank(&train, &PhysicalFitOptions::default(), &mut |_, _| {}).unwrap();
+        let checked = check(&bank, &all[left_out..=left_out]).unwrap();
+        let (median_m, _) = rollout(&checked, "log", 2.5);
+        eprintln!("{}: {:.1} cm by physics", all[left_out].name, 100.0 * median_m);
+        medians.push(median_m);
+    }
+    medians.sort_by(f64::total_cmp);
+    // 1.4, 1.9, 2.0 and 5.1 cm; log203, the fastest of all, is beyond what the others show: 16 cm.
+    assert!(medians[2] <= 0.04, "{medians:?}");
 }
 
 #[test]

@@ -34,6 +34,13 @@ pub(crate) struct Ridges {
     pub height: Option<f64>,
 }
 
+/// The quadratic height row, in w.
+pub(crate) struct HeightRow {
+    pub offset: f64,
+    pub linear: Vec<f64>,
+    pub upper_triangle: Vec<f64>,
+}
+
 /// Rows of one flight that are held out together.
 pub(crate) struct Block {
     /// Index of the track.
@@ -223,14 +230,13 @@ impl Block {
         let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
         let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
         for (row, &k) in transitions.iter().enumerate() {
-            source.lagged_state(k, &mut w[..lags * STATE_LEN]);
-            w[lags * STATE_LEN..].copy_from_slice(source.command(k));
-            let (now, next) = (source.state(k), source.state(k + 1));
+            source.regressors(k, lags, &mut w);
             for (column, &value) in w.iter().enumerate() {
                 linear[(row, column)] = value;
             }
+            let increments = source.increments(k);
             for signal in 0..STATE_LEN {
-                linear[(row, p + signal)] = next[signal] - now[signal];
+                linear[(row, p + signal)] = increments[signal];
             }
             if quadratic {
                 coordinates.apply(&w, &mut v);
@@ -238,7 +244,7 @@ impl Block {
                 for (column, &value) in terms.iter().enumerate() {
                     height[(row, column)] = value;
                 }
-                height[(row, terms.len())] = next[HEIGHT_ROW] - now[HEIGHT_ROW];
+                height[(row, terms.len())] = increments[HEIGHT_ROW];
             }
         }
         let factors = Factors {
@@ -271,34 +277,43 @@ impl Shape {
                 strengths: vec![ridges.linear; p],
             },
         );
-        let mut offset = vec![0.0; STATE_LEN];
-        let mut rows: Vec<Vec<f64>> = (0..STATE_LEN)
-            .map(|row| theta.col_as_slice(row).to_vec())
-            .collect();
-        let mut quadratic = Vec::new();
-        if let (Some(ridge), Some(factor)) = (ridges.height, &factors.height) {
+        let height = ridges.height.zip(factors.height.as_ref()).map(|(ridge, factor)| {
             let mut strengths = vec![ridge; quadratic_len(p) - 1];
             strengths[..p].fill(ridges.linear);
-            let theta = solve(
-                factor,
-                &Penalty {
-                    intercept: true,
-                    strengths,
-                },
-            );
+            let penalty = Penalty {
+                intercept: true,
+                strengths,
+            };
+            let theta = solve(factor, &penalty);
             let theta = theta.col_as_slice(0);
-            offset[HEIGHT_ROW] = theta[0];
-            rows[HEIGHT_ROW] = theta[1..=p].to_vec();
-            let upper_triangle = Coordinates::new(lags, inputs).quadratic_on_w(&theta[1 + p..]);
+            HeightRow {
+                offset: theta[0],
+                linear: theta[1..=p].to_vec(),
+                upper_triangle: Coordinates::new(lags, inputs).quadratic_on_w(&theta[1 + p..]),
+            }
+        });
+        self.assemble(&theta, height)
+    }
+
+    /// Puts a model together from what predicts increments: `linear` (p × 9), and the height row if it is quadratic.
+    pub fn assemble(self, linear: &Mat<f64>, height: Option<HeightRow>) -> Result<LagModel, ModelError> {
+        let mut offset = vec![0.0; STATE_LEN];
+        let mut rows: Vec<Vec<f64>> = (0..STATE_LEN)
+            .map(|row| linear.col_as_slice(row).to_vec())
+            .collect();
+        let mut quadratic = Vec::new();
+        if let Some(height) = height {
+            offset[HEIGHT_ROW] = height.offset;
+            rows[HEIGHT_ROW] = height.linear;
             quadratic.push(QuadraticTerms {
                 row: HEIGHT_ROW,
-                upper_triangle,
+                upper_triangle: height.upper_triangle,
             });
         }
         // Increments were fitted: add the newest state.
         for (signal, row) in rows.iter_mut().enumerate() {
             row[signal] += 1.0;
         }
-        LagModel::new(lags, inputs, offset, rows.concat(), &quadratic)
+        LagModel::new(self.lags, self.inputs, offset, rows.concat(), &quadratic)
     }
 }

@@ -137,6 +137,34 @@ pub enum ModelError {
         /// First row without it.
         row: usize,
     },
+    /// A value of a flight is NaN or infinite.
+    #[error("flight {flight}: {field} in row {row} is not a finite number")]
+    FlightValue {
+        /// Name of the flight.
+        flight: String,
+        /// Row, from 0.
+        row: usize,
+        /// Column, as the CSV format names it.
+        field: &'static str,
+    },
+    /// Sums over rows do not determine a fit to the digits that are wanted.
+    #[error(
+        "configuration {}: the columns are too nearly dependent for sums of their products (the residual may exceed \
+         the least one by {excess:.0e} of itself); an orthogonal reduction has the digits",
+        display(configuration)
+    )]
+    IllConditioned {
+        /// Configuration of the model.
+        configuration: Configuration,
+        /// Share by which the residual may exceed the least one; infinite if the sums determine nothing.
+        excess: f64,
+    },
+    /// Parts of a fit do not belong together.
+    #[error("parts of a fit: {what}")]
+    Parts {
+        /// What does not fit.
+        what: String,
+    },
     /// A flight has no rows.
     #[error("flight {flight}: no rows")]
     EmptyFlight {

@@ -8,6 +8,7 @@
 
 use super::lag::{CommandInputs, STATE_LEN};
 use faer::Mat;
+use faer::linalg::solvers::DenseSolveCore;
 
 /// Where the end-effector position begins in x.
 const TIP: usize = 6;
@@ -71,6 +72,18 @@ impl Coordinates {
                 .map(|(j, value)| self.t[(i, j)] * value)
                 .sum();
         }
+    }
+
+    /// `T⁻¹`, whose entries are whole numbers.
+    pub fn inverse(&self) -> Mat<f64> {
+        self.t.partial_piv_lu().inverse()
+    }
+
+    /// The coefficients on w of the linear form with coefficients `b` on v: `Tᵀ b`.
+    pub fn linear_on_w(&self, b: &[f64]) -> Vec<f64> {
+        (0..self.t.ncols())
+            .map(|j| (0..b.len()).map(|i| self.t[(i, j)] * b[i]).sum())
+            .collect()
     }
 
     /// The coefficients on w (upper triangle) of the quadratic form with upper triangle `a` on v: those of

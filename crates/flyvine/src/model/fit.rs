@@ -443,7 +443,7 @@ pub(crate) mod tests {
         length_m: 0.7,
         pressure_kpa: 0.0,
     };
-    const EL: Configuration = Configuration {
+    pub(crate) const EL: Configuration = Configuration {
         length_m: 1.0,
         pressure_kpa: 0.0,
     };

@@ -4,7 +4,8 @@
 //! of several recordings merge by stacking and factoring again (Demmel et al., "Communication-optimal parallel
 //! and sequential QR and LU factorizations", 2012, Sec. 2). Fits are solved from the merged factor. Trials of a
 //! cross-validation, of which there are many, are solved from [`Gram`] matrices, where leaving a recording out
-//! is a subtraction.
+//! is a subtraction; and so are fits of more rows than memory holds, where the conditioning allows it
+//! ([`Gram::solution`]).
 
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
@@ -28,6 +29,21 @@ pub(crate) struct Penalty {
     pub intercept: bool,
     /// One per column of X behind the intercept, ≥ 0.
     pub strengths: Vec<f64>,
+}
+
+/// Typical error of a sum of products of two equilibrated columns.
+const GRAM_ROUNDING: f64 = 1e-15;
+
+/// A solution and how it was determined.
+pub(crate) struct Solution {
+    /// Regressors × targets.
+    pub theta: Mat<f64>,
+    /// Condition number of the equilibrated regressors behind the intercept.
+    pub condition_number: f64,
+    /// Sum of squared residuals per target.
+    pub residual_squares: Vec<f64>,
+    /// By what share the largest residual's norm may exceed the least one, for rounding.
+    pub excess: f64,
 }
 
 /// Triangular factor of `[X | Y]`.
@@ -62,6 +78,19 @@ impl TriangularFactor {
             regressors,
             r,
         }
+    }
+
+    /// The factor of `rows` rows with these entries, as [`Self::columns`] gives them.
+    pub fn from_columns(rows: usize, regressors: usize, width: usize, columns: &[f64]) -> Self {
+        let r = MatRef::from_column_major_slice(columns, columns.len() / width, width).to_owned();
+        Self { rows, regressors, r }
+    }
+
+    /// The number of columns, and the entries, column-major.
+    pub fn columns(&self) -> (usize, Vec<f64>) {
+        let width = self.r.ncols();
+        let entries = (0..width).flat_map(|column| self.r.col_as_slice(column).iter().copied());
+        (width, entries.collect())
     }
 
     /// The factor of all rows behind `parts` (not empty, of equal width), in their order.
@@ -127,6 +156,27 @@ impl TriangularFactor {
         )
     }
 
+    /// Θ and what it leaves; `None` if the singular values do not converge.
+    pub fn solution(&self, penalty: &Penalty) -> Option<Solution> {
+        let theta = self.solve(penalty);
+        Some(Solution {
+            condition_number: self.condition_number(penalty.intercept)?,
+            residual_squares: self.residual_squares(&theta),
+            excess: 0.0,
+            theta,
+        })
+    }
+
+    /// Sum of squared residuals of `theta` per target.
+    fn residual_squares(&self, theta: &Mat<f64>) -> Vec<f64> {
+        let (p, width) = (self.regressors, self.r.ncols());
+        let residuals = self.r.subcols(p, width - p) - self.r.subcols(0, p) * theta;
+        residuals
+            .col_iter()
+            .map(|target| target.squared_norm_l2())
+            .collect()
+    }
+
     /// Largest over smallest singular value of the equilibrated regressors behind the intercept, those that do
     /// not vary left out; infinite if they depend on each other. `None` if the iteration does not converge.
     pub fn condition_number(&self, intercept: bool) -> Option<f64> {
@@ -162,17 +212,81 @@ impl Gram {
         }
     }
 
+    /// `[X | Y]ᵀ [X | Y]` of that many rows, the first `regressors` columns being X.
+    pub fn new(rows: usize, regressors: usize, g: Mat<f64>) -> Self {
+        Self { rows, regressors, g }
+    }
+
+    /// The matrix.
+    #[cfg(test)]
+    pub fn matrix(&self) -> &Mat<f64> {
+        &self.g
+    }
+
     /// Θ as [`TriangularFactor::solve`] gives it, with about half the digits: for trials.
     pub fn solve(&self, penalty: &Penalty) -> Mat<f64> {
+        let Equilibrated { scale, normal, right } = self.equilibrated(penalty);
+        let theta = match held_back(&normal, TRIAL_RIDGE).llt(Side::Lower) {
+            Ok(factor) => factor.solve(right),
+            // Columns that depend on each other.
+            Err(_) => held_back(&normal, DEPENDENT_RIDGE).full_piv_lu().solve(right),
+        };
+        self.original(theta, &scale, penalty)
+    }
+
+    /// Θ, and what rounding may have done to it; `None` if the normal equations are not positive definite in floating
+    /// point, or an eigenvalue iteration does not converge.
+    ///
+    /// An error E of the Gram matrix G of equilibrated columns moves the predictions by `‖X δθ‖² = (Eθ)ᵀ G⁻¹ Eθ`, about
+    /// `η² ‖θ‖² tr G⁻¹` for independent errors of size η. What that adds to the residual is orthogonal to it, and so of
+    /// second order: `(‖X δθ‖ / ‖r‖)² / 2` of its norm.
+    pub fn solution(&self, penalty: &Penalty) -> Option<Solution> {
+        let Equilibrated { scale, normal, right } = self.equilibrated(penalty);
+        let scaled = normal.llt(Side::Lower).ok()?.solve(right);
+        let eigenvalues = normal.self_adjoint_eigenvalues(Side::Lower).ok()?;
+        let (smallest, largest) = (*eigenvalues.first()?, *eigenvalues.last()?);
+        let condition_number = (largest / smallest).sqrt();
+        let spread = eigenvalues.iter().map(|value| value.recip()).sum::<f64>().sqrt();
+        // Centring cancels what the columns' means have in common.
+        let first = usize::from(penalty.intercept);
+        let cancelled = (scale.iter().enumerate())
+            .map(|(j, scale)| self.g[(first + j, first + j)] * scale.powi(2))
+            .fold(1.0, f64::max);
+        let sizes: Vec<f64> = scaled.col_iter().map(|column| column.norm_l2()).collect();
+        let theta = self.original(scaled, &scale, penalty);
+        let residual_squares = self.residual_squares(&theta);
+        let excess = sizes.iter().zip(&residual_squares).map(|(size, square)| {
+            let moved = GRAM_ROUNDING * cancelled * size * spread;
+            if moved == 0.0 {
+                0.0
+            } else {
+                0.5 * moved.powi(2) / square
+            }
+        });
+        let excess = excess.fold(0.0, f64::max);
+        (condition_number.is_finite() && excess.is_finite()).then_some(Solution {
+            theta,
+            condition_number,
+            residual_squares,
+            excess,
+        })
+    }
+
+    /// Sum of squared residuals of `theta` per target.
+    fn residual_squares(&self, theta: &Mat<f64>) -> Vec<f64> {
+        let targets = theta.ncols();
+        let combination = faer::concat![[theta], [-Mat::<f64>::identity(targets, targets)]];
+        let product = &self.g * &combination;
+        (0..targets)
+            .map(|target| (combination.col(target).transpose() * product.col(target)).max(0.0))
+            .collect()
+    }
+
+    /// The normal equations of equilibrated regressors, centred if there is an intercept.
+    fn equilibrated(&self, penalty: &Penalty) -> Equilibrated {
         let (p, width) = (self.regressors, self.g.ncols());
         let first = usize::from(penalty.intercept);
-        let mean = |j: usize| {
-            if penalty.intercept {
-                self.g[(0, j)] / self.g[(0, 0)]
-            } else {
-                0.0
-            }
-        };
+        let mean = |j: usize| self.mean(penalty, j);
         let centred = Mat::from_fn(p - first, width - first, |i, j| {
             self.g[(i + first, j + first)] - mean(i + first) * mean(j + first) * self.g[(0, 0)]
         });
@@ -180,26 +294,48 @@ impl Gram {
         let scale: Vec<f64> = (0..p - first)
             .map(|j| inverse(norm(centred[(j, j)]), norm(self.g[(first + j, first + j)])))
             .collect();
-        let normal = |floor: f64| {
-            Mat::from_fn(p - first, p - first, |i, j| {
-                let held_back = if i == j { penalty.strengths[i] + floor } else { 0.0 };
-                centred[(i, j)] * scale[i] * scale[j] + held_back
-            })
-        };
+        let normal = Mat::from_fn(p - first, p - first, |i, j| {
+            let held_back = if i == j { penalty.strengths[i] } else { 0.0 };
+            centred[(i, j)] * scale[i] * scale[j] + held_back
+        });
         let right = Mat::from_fn(p - first, width - p, |i, j| {
             centred[(i, p - first + j)] * scale[i]
         });
-        let theta = match normal(TRIAL_RIDGE).llt(Side::Lower) {
-            Ok(factor) => factor.solve(right),
-            // Columns that depend on each other.
-            Err(_) => normal(DEPENDENT_RIDGE).full_piv_lu().solve(right),
-        };
+        Equilibrated { scale, normal, right }
+    }
+
+    /// Mean of column `j`, or 0 without an intercept.
+    fn mean(&self, penalty: &Penalty, j: usize) -> f64 {
+        if penalty.intercept {
+            self.g[(0, j)] / self.g[(0, 0)]
+        } else {
+            0.0
+        }
+    }
+
+    /// Undoes [`Self::equilibrated`].
+    fn original(&self, scaled: Mat<f64>, scale: &[f64], penalty: &Penalty) -> Mat<f64> {
+        let mean = |j: usize| self.mean(penalty, j);
         with_intercept(
-            theta,
-            &scale,
+            scaled,
+            scale,
             penalty.intercept.then_some(&mean as &dyn Fn(usize) -> f64),
         )
     }
+}
+
+/// Normal equations `normal · θ / scale = right`.
+struct Equilibrated {
+    /// 1 / norms of the regressors behind the intercept.
+    scale: Vec<f64>,
+    normal: Mat<f64>,
+    right: Mat<f64>,
+}
+
+/// `normal` with more on its diagonal.
+fn held_back(normal: &Mat<f64>, more: f64) -> Mat<f64> {
+    let (n, added) = (normal.nrows(), |i, j| if i == j { more } else { 0.0 });
+    Mat::from_fn(n, n, |i, j| normal[(i, j)] + added(i, j))
 }
 
 /// R of the QR decomposition.

@@ -10,6 +10,7 @@
 //!   plan can carry it.
 //! - [`LagModel`], [`Model`] and [`ScheduledModel`] are [`crate::trajopt::Dynamics`]; [`rest_state`] is where
 //!   plans start; [`Model::spectral_radius`] says whether predictions run away.
+//! - [`streaming`]: the same least squares on more flights than memory holds, in parts that join bit for bit.
 //! - [`statistics`]: what the regression of each row says about itself.
 //! - [`LagModel::read_matrix`]: linear models published as a matrix.
 //! - [`fit_physical_bank`]: the same with the physical family ([`physical`]). [`fit_families`]: whichever family
@@ -44,6 +45,7 @@ mod schedule;
 mod selection;
 mod stability;
 pub mod statistics;
+pub mod streaming;
 mod support;
 mod track;
 

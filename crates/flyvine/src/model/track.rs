@@ -1,9 +1,12 @@
 //! A flight as arrays, and which rows follow each other without a gap.
 
 use super::bank::same;
-use super::error::{ModelError, require_finite};
+use super::error::ModelError;
 use super::lag::{CommandInputs, STATE_LEN};
-use crate::flight::{Configuration, Flight};
+use crate::flight::{Configuration, Flight, SIGNALS};
+
+/// Names of the command's entries.
+const COMMANDS: [&str; 6] = ["cmd_x", "cmd_y", "cmd_z", "cmd_vx", "cmd_vy", "cmd_vz"];
 
 /// A flight as arrays for fitting and rolling out.
 pub(crate) struct Track<'a> {
@@ -50,11 +53,7 @@ impl<'a> Track<'a> {
             .iter()
             .map(|sample| sample.state().unwrap_or_default())
             .collect();
-        require_finite(&format!("commands of flight {}", flight.name), &commands)?;
-        require_finite(
-            &format!("states of flight {}", flight.name),
-            states.as_flattened(),
-        )?;
+        refuse_non_finite(flight, &states, &commands, inputs)?;
         Ok(Self {
             flight,
             states,
@@ -86,6 +85,19 @@ impl<'a> Track<'a> {
         }
     }
 
+    /// Writes `w = (z, u)` of `row`.
+    pub fn regressors(&self, row: usize, lags: usize, w: &mut [f64]) {
+        let (state, command) = w.split_at_mut(lags * STATE_LEN);
+        self.lagged_state(row, state);
+        command.copy_from_slice(self.command(row));
+    }
+
+    /// `x_{row+1} − x_row`.
+    pub fn increments(&self, row: usize) -> [f64; STATE_LEN] {
+        let (now, next) = (self.state(row), self.state(row + 1));
+        std::array::from_fn(|signal| next[signal] - now[signal])
+    }
+
     /// Whether `z` at `row` and the `steps` rows after it are all valid and evenly timed.
     pub fn unbroken(&self, row: usize, lags: usize, steps: usize) -> bool {
         row + steps < self.rows() && self.run[row + steps] >= lags + steps
@@ -103,6 +115,29 @@ impl<'a> Track<'a> {
     /// The configuration, if it is the same in every row.
     pub fn constant_configuration(&self) -> Option<Configuration> {
         constant_configuration(self.flight)
+    }
+}
+
+/// Refuses NaN and infinities, by row and field.
+fn refuse_non_finite(
+    flight: &Flight,
+    states: &[[f64; STATE_LEN]],
+    commands: &[f64],
+    inputs: CommandInputs,
+) -> Result<(), ModelError> {
+    let first = |values: &[f64], width: usize| {
+        let index = values.iter().position(|value| !value.is_finite())?;
+        Some((index / width, index % width))
+    };
+    let state = first(states.as_flattened(), STATE_LEN).map(|(row, field)| (row, SIGNALS[field]));
+    let command = first(commands, inputs.len()).map(|(row, field)| (row, COMMANDS[field]));
+    match state.into_iter().chain(command).min_by_key(|(row, _)| *row) {
+        None => Ok(()),
+        Some((row, field)) => Err(ModelError::FlightValue {
+            flight: flight.name.clone(),
+            row,
+            field,
+        }),
     }
 }
 

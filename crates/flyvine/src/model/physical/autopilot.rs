@@ -29,12 +29,13 @@ pub struct AutopilotRates<S> {
     pub angular_acceleration_setpoint: Vector<S>,
 }
 
-/// Evaluates the cascade for the position setpoint `command`.
+/// Evaluates the cascade for the position setpoint `command`, which moves at `command_velocity`.
 pub fn autopilot<S: Scalar>(
     parameters: &Parameters<S>,
     state: &State<S>,
     rotation: &Attitude<S>,
     command: &Vector<S>,
+    command_velocity: &Vector<S>,
 ) -> AutopilotRates<S> {
     let p = parameters;
     let per_axis = |horizontal: S, vertical: S, v: &Vector<S>| {
@@ -42,7 +43,7 @@ pub fn autopilot<S: Scalar>(
         Vector([x * horizontal, y * horizontal, z * vertical])
     };
 
-    // Position loop: v_sp = K (u − p), with limited vertical speed.
+    // Position loop and feed-forward: v_sp = K (u − p) + f u̇, with limited vertical speed.
     let [vx, vy, vz] = per_axis(
         p.position_gain_xy,
         p.position_gain_z,
@@ -50,7 +51,7 @@ pub fn autopilot<S: Scalar>(
     )
     .0;
     let [vz] = limit_length([vz], p.vertical_speed_limit);
-    let velocity_error = Vector([vx, vy, vz]) - state.velocity;
+    let velocity_error = Vector([vx, vy, vz]) + *command_velocity * p.velocity_feedforward - state.velocity;
 
     // Velocity loop: a = P e + I − D v̇, v̇ by a first-order high-pass of the velocity.
     let acceleration = (state.velocity - state.filtered_velocity) * p.derivative_time_constant.recip();

@@ -66,6 +66,8 @@ pub struct FlightData {
     pub arms: Vec<ArmLength>,
     /// Command issued at each row, m.
     pub commands: Vec<[f64; 3]>,
+    /// Every command came with its velocity, which the vehicle may have been given, too.
+    pub commanded_velocity: bool,
     /// What was seen in each row.
     pub observed: Vec<Observed>,
     /// How much its rows count in a fit.
@@ -118,6 +120,7 @@ impl FlightData {
             arms: arm_lengths(&configurations),
             configurations,
             commands: samples.iter().map(|sample| sample.command).collect(),
+            commanded_velocity: samples.iter().all(|sample| sample.command_velocity.is_some()),
             observed: samples.iter().map(Observed::from).collect(),
             weight: 1.0,
         })

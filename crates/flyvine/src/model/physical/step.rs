@@ -4,7 +4,7 @@ use super::arm::{ArmLength, accelerations, base, link_lengths};
 use super::autopilot::autopilot;
 use super::parameters::Parameters;
 use super::scalar::Scalar;
-use super::state::{COMMANDS, LINKS, State};
+use super::state::{LINKS, State};
 use super::vector::Vector;
 use crate::DT;
 
@@ -25,39 +25,67 @@ pub fn step<S: Scalar>(
 ) -> State<S> {
     let mut now = *state;
     for substep in 0..SUBSTEPS {
-        let effective = command_in_force(parameters, state, command, (substep + 1) as f64 * SUBSTEP_S);
+        let setpoint = setpoint_in_force(parameters, state, command, (substep + 1) as f64 * SUBSTEP_S);
         let length = ArmLength {
             length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
             ..arm
         };
-        now = advance(parameters, length, &now, &effective);
+        now = advance(parameters, length, &now, &setpoint);
     }
     now.commands.rotate_right(1);
     now.commands[0] = *command;
     now
 }
 
-/// The command in force during the substep that ends at `t_s` after the knot: the transport delay after a command was
+/// What the autopilot is told.
+struct Setpoint<S> {
+    /// m.
+    position: Vector<S>,
+    /// How fast that moved since the command before, m/s: the velocity that some autopilots are told, too.
+    velocity: Vector<S>,
+}
+
+/// The set-point in force during the substep that ends at `t_s` after the knot: the transport delay after a command was
 /// sent it begins to replace the one before, by its share of the substep.
-fn command_in_force<S: Scalar>(
+fn setpoint_in_force<S: Scalar>(
     parameters: &Parameters<S>,
     state: &State<S>,
     command: &Vector<S>,
     t_s: f64,
-) -> Vector<S> {
-    let mut newer = command;
-    for (knots, older) in state.commands.iter().enumerate() {
-        let sent_s = -(knots as f64) * DT;
-        let arrived = (-parameters.command_delay + (t_s - sent_s)) * (1.0 / SUBSTEP_S);
-        if arrived.value() > 1.0 {
-            return *newer;
-        }
-        if arrived.value() > 0.0 {
-            return *older + (*newer - *older) * arrived;
-        }
-        newer = older;
+) -> Setpoint<S> {
+    let [before, long_before] = state.commands;
+    let setpoints = [(*command, before), (before, long_before)].map(|(position, earlier)| Setpoint {
+        position,
+        velocity: (position - earlier).scale(1.0 / DT),
+    });
+    let oldest = Setpoint {
+        position: long_before,
+        velocity: setpoints[1].velocity,
+    };
+    let [newest, newer] = setpoints;
+    let newer = newer.replacing(oldest, arrived(parameters, t_s + DT));
+    newest.replacing(newer, arrived(parameters, t_s))
+}
+
+/// The share of a substep, ended `age_s` after a command was sent, in which that command was in force: 0 to 1.
+fn arrived<S: Scalar>(parameters: &Parameters<S>, age_s: f64) -> S {
+    let share = (-parameters.command_delay + age_s) * (1.0 / SUBSTEP_S);
+    if share.value() <= 0.0 {
+        S::from(0.0)
+    } else if share.value() > 1.0 {
+        S::from(1.0)
+    } else {
+        share
     }
-    state.commands[COMMANDS - 1]
+}
+
+impl<S: Scalar> Setpoint<S> {
+    fn replacing(self, older: Self, share: S) -> Self {
+        Setpoint {
+            position: older.position + (self.position - older.position) * share,
+            velocity: older.velocity + (self.velocity - older.velocity) * share,
+        }
+    }
 }
 
 /// One substep: velocities first, positions with the new velocities, then the arm back onto its lengths.
@@ -65,12 +93,12 @@ fn advance<S: Scalar>(
     parameters: &Parameters<S>,
     arm: ArmLength,
     state: &State<S>,
-    command: &Vector<S>,
+    setpoint: &Setpoint<S>,
 ) -> State<S> {
     const H: f64 = SUBSTEP_S;
     let p = parameters;
     let rotation = state.rotation();
-    let pilot = autopilot(p, state, &rotation, command);
+    let pilot = autopilot(p, state, &rotation, &setpoint.position, &setpoint.velocity);
     let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration);
 
     // First-order lags by implicit Euler: x⁺ = x + (x_sp − x) h / (τ + h).
@@ -159,7 +187,7 @@ mod tests {
         parameters.command_delay = 0.08;
         let next = step(&parameters, ArmLength::constant(0.7), &rest, &command);
         assert_eq!(next.position.0, rest.position.0);
-        let force = |t_s: f64| command_in_force(&parameters, &next, &command, t_s).0[0];
+        let force = |t_s: f64| setpoint_in_force(&parameters, &next, &command, t_s).position.0[0];
         assert!(force(0.03).abs() < 1e-12 && (force(0.035) - 0.5).abs() < 1e-12);
         assert!((force(0.04) - 1.0).abs() < 1e-12);
     }

@@ -166,9 +166,12 @@ pub fn fit_configurations(
         held: held(options, &[]),
         trust: options.trust_radius.map(|radius| (starts.to_vec(), radius)),
     };
-    let start = starts.iter().map(|start| match &options.vehicle {
-        Some(vehicle) => start.with_vehicle(vehicle),
-        None => *start,
+    let start = starts.iter().map(|start| {
+        let start = match &options.vehicle {
+            Some(vehicle) => start.with_vehicle(vehicle),
+            None => *start,
+        };
+        sent_velocities(start, stretches.iter().flatten())
     });
     let minimum = minimize(
         &problem,
@@ -310,6 +313,7 @@ fn first_stage(
         if let Some(vehicle) = &options.vehicle {
             start = start.with_vehicle(vehicle);
         }
+        let start = sent_velocities(start, flights);
         let minimum = minimize(&problem, vec![start], FIRST_ITERATIONS, &mut |minimum| {
             report(FitStage::FirstSeconds { start: number }, minimum, progress)
         });
@@ -322,6 +326,23 @@ fn first_stage(
         }
     }
     best
+}
+
+/// `start` with a feed-forward if the flights were sent velocities, and without one, which is then no variable, if not.
+fn sent_velocities<'a>(
+    start: Parameters<f64>,
+    flights: impl IntoIterator<Item = &'a FlightData>,
+) -> Parameters<f64> {
+    let sent = flights.into_iter().all(|flight| flight.commanded_velocity);
+    let velocity_feedforward = match start.velocity_feedforward {
+        _ if !sent => 0.0,
+        0.0 => 1.0, // what is sent is most likely followed
+        known => known,
+    };
+    Parameters {
+        velocity_feedforward,
+        ..start
+    }
 }
 
 /// Names of the parameters that stay: `limits`, and the vehicle's where it is known.

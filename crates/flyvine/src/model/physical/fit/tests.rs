@@ -62,6 +62,7 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
     };
     let parameters = Parameters {
         command_delay: 0.023, // away from the kinks at whole substeps
+        velocity_feedforward: 0.05,
         ..Parameters::defaults()
     };
     let other = Parameters {
@@ -265,4 +266,51 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
         .collect();
     let found = stream_timing(&truth, &[all[0].clone(), all[2].clone()], &options).unwrap();
     assert!(found.streams_apart() && (found.end_effector_behind_quadrotor_s - 0.02).abs() < 0.006);
+}
+
+#[test]
+fn a_feedforward_is_found_where_velocities_were_sent_and_nowhere_else() {
+    let truth = Parameters {
+        velocity_feedforward: 0.8,
+        ..Parameters::defaults()
+    };
+    // Smooth commands: two waves per axis.
+    let command = |row: usize, seed: f64| -> [f64; 3] {
+        let t = row as f64 * crate::DT;
+        let wave = |rate: f64| 0.5 * (rate * t).sin() + 0.2 * (2.3 * rate * t).sin();
+        [
+            wave(0.9 + 0.2 * seed),
+            wave(1.3 - 0.1 * seed),
+            1.5 + 0.1 * wave(0.7),
+        ]
+    };
+    let mut flights: Vec<Flight> = (0..2)
+        .map(|seed| {
+            let commands: Vec<[f64; 3]> = (0..200).map(|row| command(row, f64::from(seed))).collect();
+            simulate_flight("waves", &truth, 0.8, &commands, 1e-3, seed as u64).0
+        })
+        .collect();
+    let options = PhysicalFitOptions::default();
+    let unsent = fit_physical(&flights, &options, &mut |_| {}).unwrap();
+    assert_eq!(unsent.parameters.velocity_feedforward, 0.0);
+    let not_told = unsent
+        .estimates()
+        .into_iter()
+        .find(|e| e.name == "velocity_feedforward")
+        .unwrap();
+    assert!(!not_told.identified && !not_told.at_bound);
+    for flight in &mut flights {
+        for row in (0..flight.samples.len()).rev() {
+            let before = flight.samples[row.saturating_sub(1)].command;
+            let sample = &mut flight.samples[row];
+            sample.command_velocity = Some(std::array::from_fn(|axis| {
+                (sample.command[axis] - before[axis]) / crate::DT
+            }));
+        }
+    }
+    let sent = fit_physical(&flights, &options, &mut |_| {}).unwrap();
+    let found = sent.parameters.velocity_feedforward;
+    assert!((found - 0.8).abs() < 0.1, "{found}");
+    let tip_error_m = |model: &PhysicalModel| model.fit.as_ref().unwrap().tip_error_m;
+    assert!(tip_error_m(&sent) < tip_error_m(&unsent));
 }

@@ -1,0 +1,546 @@
+//! Least squares on more flights than memory holds, on one machine or several.
+//!
+//! Flights are read one after the other and reduced to sums ([`Moments`](Reduction::Moments)) or triangular factors
+//! ([`Orthogonal`](Reduction::Orthogonal)) per configuration; the memory that takes does not depend on the number of
+//! rows. Parts of the flights may be reduced elsewhere and joined ([`PartialFit::append`]): sums are made in a fixed
+//! order, so that the bank has the same bits whoever reduced what, on however many threads.
+//!
+//! One pass has nothing to hold out: ridges are given, not chosen, and `check` on other flights judges the bank.
+
+mod moments;
+mod pairwise;
+mod sums;
+
+pub use self::sums::Reduction;
+
+use self::pairwise::PairwiseSum;
+use self::sums::{Basis, Solved, Sums};
+use super::bank::{
+    Bank, BankModel, BankProvenance, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics, PRESSURE_TOLERANCE_KPA,
+};
+use super::corner::Shape;
+use super::error::ModelError;
+use super::family::Model;
+use super::features::quadratic_len;
+use super::lag::{CommandInputs, HEIGHT_ROW, STATE_LEN};
+use super::options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
+use super::selection::Candidate;
+use super::track::{Track, constant_configuration};
+use crate::file::write_whole;
+use crate::flight::{Configuration, Flight, SIGNALS};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use std::path::Path;
+
+/// What a partial fit's file says it is.
+const SCHEMA: &str = "flyvine-partial-fit";
+/// Version of the format of partial fits that this library writes and reads.
+pub const PARTIAL_FIT_SCHEMA_VERSION: u64 = 1;
+/// Share by which rounding may enlarge a residual before sums are refused.
+const ALLOWED_EXCESS: f64 = 1e-10;
+
+/// Which part of a list of flights one process takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    /// From 1.
+    pub number: usize,
+    /// Number of parts.
+    pub of: usize,
+}
+
+impl Shard {
+    /// All flights.
+    pub const WHOLE: Self = Self { number: 1, of: 1 };
+
+    /// Its flights among `flights`, as indices.
+    pub fn range(self, flights: usize) -> Range<usize> {
+        flights * (self.number - 1) / self.of..flights * self.number / self.of
+    }
+}
+
+/// The sums of some of the flights of a fit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartialFit {
+    schema: String,
+    schema_version: u64,
+    options: FitOptions,
+    reduction: Reduction,
+    /// Number of flights of the whole fit.
+    flights: usize,
+    /// Flights that it has, as positions in the list of all: `start .. end`.
+    start: usize,
+    end: usize,
+    /// Flights that are no corner's, or change their configuration.
+    unused: Vec<String>,
+    inputs: Vec<InputFile>,
+    cells: Vec<Cell>,
+}
+
+/// Flights of one configuration.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Cell {
+    configuration: Configuration,
+    flights: Vec<String>,
+    sums: PairwiseSum<Sums>,
+}
+
+/// What a streaming fit found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StreamReport {
+    /// How rows were reduced.
+    pub reduction: Reduction,
+    /// One per model of the bank, in its order.
+    pub corners: Vec<StreamedCorner>,
+    /// Flights that were not fitted: at interior configurations, or changing theirs.
+    pub unused: Vec<String>,
+}
+
+/// One model of a streaming fit.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StreamedCorner {
+    /// Where.
+    pub configuration: Configuration,
+    /// Number of flights.
+    pub flights: usize,
+    /// Transitions fitted.
+    pub rows: usize,
+    /// Condition number of the largest row's regressors, about rest, equilibrated.
+    pub condition_number: f64,
+    /// Share by which the norm of a row's residual may exceed the least one, for rounding.
+    pub excess: f64,
+    /// Root-mean-square residual of the end-effector height, m.
+    pub height_residual_m: f64,
+    /// Spectral radius of the Jacobian at rest.
+    pub spectral_radius: f64,
+}
+
+impl PartialFit {
+    /// The sums of no flights yet of `shard`, `flights` being the number of all.
+    ///
+    /// Of the options, ridges and the velocity input mean no where they say auto, and refinement is not to be asked
+    /// for: each needs flights that are held out. A ridge on the height row's products holds back products of the
+    /// motion about rest, which are not quite those of [`super::fit_bank`].
+    ///
+    /// # Errors
+    /// Options out of range, or refinement; no such shard, or one without a flight.
+    pub fn new(
+        options: &FitOptions,
+        reduction: Reduction,
+        flights: usize,
+        shard: Shard,
+    ) -> Result<Self, ModelError> {
+        options.validate()?;
+        if options.refinement == Refinement::On {
+            return Err(ModelError::Unsupported {
+                what: "refinement of a streaming fit",
+                found: "on".into(),
+                expected: "off: it needs the flights themselves".into(),
+            });
+        }
+        if !(1..=shard.of).contains(&shard.number) || shard.of > flights {
+            return Err(ModelError::Unsupported {
+                what: "shard",
+                found: format!("{}/{} of {flights} flights", shard.number, shard.of),
+                expected: "i/n with 1 ≤ i ≤ n ≤ flights".into(),
+            });
+        }
+        let start = shard.range(flights).start;
+        Ok(Self {
+            schema: SCHEMA.into(),
+            schema_version: PARTIAL_FIT_SCHEMA_VERSION,
+            options: options.clone(),
+            reduction,
+            flights,
+            start,
+            end: start,
+            unused: Vec::new(),
+            inputs: Vec::new(),
+            cells: Vec::new(),
+        })
+    }
+
+    /// Takes the next flights of the list, in parallel. However they are handed over, the sums are the same.
+    ///
+    /// # Errors
+    /// A flight without rows, with a value that is not finite, without the velocity that was asked for, or given
+    /// twice; more flights than the list has.
+    pub fn add(&mut self, flights: &[(Flight, InputFile)]) -> Result<(), ModelError> {
+        if self.end + flights.len() > self.flights {
+            return Err(ModelError::Parts {
+                what: format!("more flights than the {} of the list", self.flights),
+            });
+        }
+        let shape = self.shape();
+        let reduce = |(flight, _): &(Flight, InputFile)| {
+            let track = Track::new(flight, shape.inputs)?;
+            let configuration = constant_configuration(flight).map(rounded);
+            Ok(configuration.map(|configuration| {
+                let basis = Basis::new(shape, configuration);
+                (configuration, Sums::of_track(&track, &basis, self.reduction))
+            }))
+        };
+        let reduced = flights
+            .par_iter()
+            .map(reduce)
+            .collect::<Result<Vec<_>, ModelError>>()?;
+        for (flight, input) in flights {
+            self.take_input(&flight.name, input.clone())?;
+        }
+        for ((flight, _), reduced) in flights.iter().zip(reduced) {
+            match reduced {
+                Some((configuration, sums)) => self.push(&flight.name, configuration, sums),
+                None => self.unused.push(flight.name.clone()),
+            }
+            self.end += 1;
+        }
+        self.drop_interior();
+        Ok(())
+    }
+
+    /// Joins the part that begins where this one ends.
+    ///
+    /// # Errors
+    /// Another fit's part, one that begins elsewhere, or a recording that both have.
+    pub fn append(&mut self, later: Self) -> Result<(), ModelError> {
+        let same = self.options == later.options
+            && self.reduction == later.reduction
+            && self.flights == later.flights;
+        if !same {
+            return Err(ModelError::Parts {
+                what: "they were made with different options or of different lists of flights".into(),
+            });
+        }
+        if later.start != self.end {
+            return Err(ModelError::Parts {
+                what: format!(
+                    "found one that begins with flight {}, expected flight {} of {}",
+                    later.start + 1,
+                    self.end + 1,
+                    self.flights
+                ),
+            });
+        }
+        for input in later.inputs {
+            self.take_input(&input.path.clone(), input)?;
+        }
+        for mut cell in later.cells {
+            match self
+                .cells
+                .iter_mut()
+                .find(|own| own.configuration == cell.configuration)
+            {
+                None => {
+                    let mut sums = PairwiseSum::new(self.start);
+                    sums.skip_to(self.end);
+                    cell.sums = joined(sums, cell.sums);
+                    self.cells.push(cell);
+                }
+                Some(own) => {
+                    own.sums.skip_to(self.end);
+                    let sums = std::mem::replace(&mut own.sums, PairwiseSum::new(0));
+                    own.sums = joined(sums, cell.sums);
+                    own.flights.append(&mut cell.flights);
+                }
+            }
+        }
+        self.unused.extend(later.unused);
+        self.end = later.end;
+        self.drop_interior();
+        Ok(())
+    }
+
+    /// The bank, if all flights are there.
+    ///
+    /// # Errors
+    /// Flights are missing; no flight with a constant configuration; a corner without flights or with too few rows;
+    /// [`ModelError::IllConditioned`] if sums do not determine the coefficients to the last digits that matter.
+    pub fn bank(mut self) -> Result<(Bank, StreamReport), ModelError> {
+        if (self.start, self.end) != (0, self.flights) {
+            return Err(ModelError::Parts {
+                what: format!(
+                    "found flights {} to {}, expected all {}",
+                    self.start + 1,
+                    self.end,
+                    self.flights
+                ),
+            });
+        }
+        if self.cells.is_empty() {
+            return Err(ModelError::NoCornerFlights {
+                flights: self.flights,
+            });
+        }
+        let shape = self.shape();
+        let [linear_ridge, height_ridge] =
+            [self.options.linear_ridge, self.options.height_ridge].map(given_ridge);
+        let solve = |cell: Cell| solve_cell(cell, self.flights, shape, [linear_ridge, height_ridge]);
+        let solved = self
+            .cells
+            .into_par_iter()
+            .map(solve)
+            .collect::<Result<Vec<_>, ModelError>>()?;
+        let (models, corners): (Vec<BankModel>, Vec<StreamedCorner>) = solved.into_iter().unzip();
+        let provenance = BankProvenance {
+            tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
+            inputs: self.inputs,
+            options: self.options,
+            chosen: Some(Candidate {
+                inputs: shape.inputs,
+                linear_ridge,
+                height_ridge: (shape.structure == Structure::Paper).then_some(height_ridge),
+                refined: false,
+                corners: None,
+                interior: None,
+            }),
+        };
+        self.unused.sort_unstable(); // not by when they turned out to be interior
+        let report = StreamReport {
+            reduction: self.reduction,
+            corners,
+            unused: self.unused,
+        };
+        Ok((Bank::new(models, provenance)?, report))
+    }
+
+    /// The flights that it has, as positions in the list of all.
+    pub fn range(&self) -> Range<usize> {
+        self.start..self.end
+    }
+
+    /// Number of flights of the whole fit.
+    pub fn flights(&self) -> usize {
+        self.flights
+    }
+
+    /// Reads a partial fit.
+    ///
+    /// # Errors
+    /// The file cannot be read, was cut off, is not a partial fit, has another schema version, or holds sums that
+    /// its options do not make.
+    pub fn read(path: &Path) -> Result<Self, ModelError> {
+        let format = |message: String| ModelError::Format {
+            path: path.to_path_buf(),
+            message,
+        };
+        let contents = std::fs::read(path).map_err(|source| ModelError::File {
+            path: path.to_path_buf(),
+            source,
+        })?;
+        let part: Self = serde_json::from_slice(&contents)
+            .map_err(|error| format(format!("expected a partial fit, whole: {error}")))?;
+        if (part.schema.as_str(), part.schema_version) != (SCHEMA, PARTIAL_FIT_SCHEMA_VERSION) {
+            return Err(format(format!(
+                "found {} version {}, expected {SCHEMA} version {PARTIAL_FIT_SCHEMA_VERSION}",
+                part.schema, part.schema_version
+            )));
+        }
+        part.options
+            .validate()
+            .map_err(|error| format(error.to_string()))?;
+        let range = part.start <= part.end && part.end <= part.flights;
+        let sums = part.cells.iter().all(|cell| {
+            cell.sums.is_within(part.start..part.end)
+                && cell
+                    .sums
+                    .parts()
+                    .all(|sums| sums.fits(part.shape(), part.reduction))
+        });
+        if !range || !sums {
+            return Err(format("holds other sums than its options make".into()));
+        }
+        Ok(part)
+    }
+
+    /// Writes the partial fit, whole or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), ModelError> {
+        let file_error = |source| ModelError::File {
+            path: path.to_path_buf(),
+            source,
+        };
+        let contents = serde_json::to_vec(self).map_err(|error| file_error(error.into()))?;
+        write_whole(path, &contents).map_err(file_error)
+    }
+
+    fn shape(&self) -> Shape {
+        Shape {
+            structure: self.options.structure,
+            lags: self.options.lags,
+            inputs: match self.options.command_velocity {
+                VelocityInput::On => CommandInputs::PositionAndVelocity,
+                VelocityInput::Off | VelocityInput::Auto => CommandInputs::Position,
+            },
+        }
+    }
+
+    /// Takes a recording's hash, which no other may have.
+    fn take_input(&mut self, name: &str, input: InputFile) -> Result<(), ModelError> {
+        if let Some(first) = self.inputs.iter().find(|known| known.sha256 == input.sha256) {
+            return Err(ModelError::DuplicateFlight {
+                first: first.path.clone(),
+                second: name.to_owned(),
+            });
+        }
+        self.inputs.push(input);
+        Ok(())
+    }
+
+    /// Takes the sums of flight number `end`.
+    fn push(&mut self, flight: &str, configuration: Configuration, sums: Sums) {
+        let known = self
+            .cells
+            .iter()
+            .position(|cell| cell.configuration == configuration);
+        let index = known.unwrap_or_else(|| {
+            self.cells.push(Cell {
+                configuration,
+                flights: Vec::new(),
+                sums: PairwiseSum::new(self.start),
+            });
+            self.cells.len() - 1
+        });
+        let cell = &mut self.cells[index];
+        cell.flights.push(flight.to_owned());
+        cell.sums.skip_to(self.end);
+        cell.sums.push(Some(sums));
+    }
+
+    /// Forgets configurations that more extreme ones have made interior: four remain at most.
+    fn drop_interior(&mut self) {
+        let extremes = |value: fn(&Configuration) -> f64| {
+            let values = self.cells.iter().map(|cell| value(&cell.configuration));
+            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                (low.min(value), high.max(value))
+            })
+        };
+        let (lengths, pressures) = (extremes(|c| c.length_m), extremes(|c| c.pressure_kpa));
+        let extreme = |(low, high): (f64, f64), value: f64| value == low || value == high;
+        let unused = &mut self.unused;
+        self.cells.retain_mut(|cell| {
+            let corner = extreme(lengths, cell.configuration.length_m)
+                && extreme(pressures, cell.configuration.pressure_kpa);
+            if !corner {
+                unused.append(&mut cell.flights);
+            }
+            corner
+        });
+        // The order of flights does not decide the order of configurations.
+        self.cells.sort_by(|a, b| {
+            (a.configuration
+                .pressure_kpa
+                .total_cmp(&b.configuration.pressure_kpa))
+            .then(a.configuration.length_m.total_cmp(&b.configuration.length_m))
+        });
+    }
+}
+
+/// The sums of two ranges that meet.
+fn joined(mut earlier: PairwiseSum<Sums>, later: PairwiseSum<Sums>) -> PairwiseSum<Sums> {
+    assert!(earlier.append(later), "both were brought to the same number");
+    earlier
+}
+
+/// What is not chosen is not held back.
+fn given_ridge(ridge: Ridge) -> f64 {
+    match ridge {
+        Ridge::Auto => 0.0,
+        Ridge::Value(value) => value,
+    }
+}
+
+/// The configuration on the grid of the bank's tolerances.
+fn rounded(configuration: Configuration) -> Configuration {
+    // Dividing by whole numbers gives the shortest decimals.
+    let steps = |tolerance: f64| (1.0 / tolerance).round();
+    let round = |value: f64, tolerance: f64| (value * steps(tolerance)).round() / steps(tolerance);
+    Configuration {
+        length_m: round(configuration.length_m, LENGTH_TOLERANCE_M),
+        pressure_kpa: round(configuration.pressure_kpa, PRESSURE_TOLERANCE_KPA),
+    }
+}
+
+/// Solves one configuration.
+fn solve_cell(
+    cell: Cell,
+    flights: usize,
+    shape: Shape,
+    [linear_ridge, height_ridge]: [f64; 2],
+) -> Result<(BankModel, StreamedCorner), ModelError> {
+    let Cell {
+        configuration,
+        flights: names,
+        mut sums,
+    } = cell;
+    sums.skip_to(flights);
+    let sums = sums.total().expect("a configuration has flights");
+    let p = shape.lags * STATE_LEN + shape.inputs.len();
+    let (rows, coefficients) = match shape.structure {
+        Structure::Paper => (sums.rows(), quadratic_len(p)),
+        Structure::Linear => (sums.rows(), p),
+    };
+    if rows < coefficients {
+        return Err(ModelError::TooFewRows {
+            configuration,
+            flights: names.len(),
+            rows,
+            coefficients,
+        });
+    }
+    let basis = Basis::new(shape, configuration);
+    let ill_conditioned = |excess: f64| ModelError::IllConditioned {
+        configuration,
+        excess,
+    };
+    let solved: Solved = sums
+        .solve(&basis, linear_ridge, height_ridge)
+        .ok_or_else(|| ill_conditioned(f64::INFINITY))?;
+    let excess = solved.excess();
+    if excess > ALLOWED_EXCESS {
+        return Err(ill_conditioned(excess));
+    }
+    let model = Model::Lag(shape.assemble(&solved.linear.theta, solved.height_row(&basis))?);
+    let mut squares = solved.linear.residual_squares;
+    let linear_condition_number = solved.linear.condition_number;
+    let mut condition_number = linear_condition_number;
+    if let Some(height) = &solved.height {
+        squares[HEIGHT_ROW] = height.residual_squares[0];
+        condition_number = height.condition_number;
+    }
+    let rms: Vec<f64> = squares
+        .iter()
+        .map(|square| (square / rows as f64).sqrt())
+        .collect();
+    let spectral_radius = model.spectral_radius(configuration)?;
+    let corner = StreamedCorner {
+        configuration,
+        flights: names.len(),
+        rows,
+        condition_number,
+        excess,
+        height_residual_m: rms[HEIGHT_ROW],
+        spectral_radius,
+    };
+    let diagnostics = ModelDiagnostics {
+        flights: names,
+        rows,
+        coefficients,
+        condition_number,
+        linear_condition_number,
+        spectral_radius,
+        residual_rms: SIGNALS.map(String::from).into_iter().zip(rms).collect(),
+    };
+    let model = BankModel {
+        configuration,
+        model,
+        diagnostics,
+    };
+    Ok((model, corner))
+}
+
+#[cfg(test)]
+mod tests;
