@@ -29,6 +29,7 @@ mod physical_report;
 mod plan;
 mod query;
 mod rehearse;
+mod rehearse_process;
 mod rehearse_vehicle;
 mod report;
 mod score;

@@ -1,14 +1,12 @@
 //! `flyvine rehearse`: a plan in real time over sockets, with the simulated vehicle at their other end.
 
-use std::io::{BufRead, BufReader};
 use std::net::{SocketAddr, UdpSocket};
 use std::ops::ControlFlow;
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
@@ -21,8 +19,8 @@ use flyvine::run::score_flight;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, PlanOptions, Task, make_plan, read_plan, write_plan};
 use flyvine_link::autopilot::TickReport;
-use flyvine_link::rehearsal::{FaultKind, STALL_S, rig_bodies, wired_limits};
-use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
+use flyvine_link::rehearsal::{FaultKind, rig_bodies, wired_limits};
+use rustix::process::{Pid, Signal, kill_process};
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
@@ -32,14 +30,13 @@ use crate::fit::write_json;
 use crate::flights::read_bank;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::page::LiveArguments;
+use crate::rehearse_process::Process;
 use crate::rehearse_vehicle::{RigArguments, Served, read_script};
 
 /// EE error over sockets may differ from that in lockstep by this share.
 const ERROR_BAR: f64 = 0.1;
 /// The 99.9th percentile of the set-points' jitter, ms.
 const JITTER_BAR_MS: f64 = 5.0;
-/// How long a process may take to end in good order.
-const END_PATIENCE: Duration = Duration::from_secs(2);
 /// How long the vehicle's end may take to start.
 const START_PATIENCE: Duration = Duration::from_secs(20);
 /// Time that a flight may take beyond its plan: checklist, take-off, abort ladder, landing.
@@ -311,84 +308,6 @@ fn record_events(folder: &Path, events: &Receiver<String>) -> Result<String, Fai
         file.write_all(lines.as_bytes()).or_internal()?;
     }
     Ok(lines)
-}
-
-/// A child process that does not outlive its owner.
-struct Process {
-    child: Child,
-}
-
-impl Process {
-    fn spawn(what: &str, command: &mut Command) -> Result<Self, Failure> {
-        // Ctrl-C is for this process alone to hear: it decides who is told.
-        let child = command
-            .process_group(0)
-            .spawn()
-            .with_context(|| format!("cannot start {what}"))
-            .or_internal()?;
-        Ok(Self { child })
-    }
-
-    /// The lines of its stdout, as they come.
-    fn lines(&mut self) -> Receiver<String> {
-        let (sender, receiver) = channel();
-        if let Some(stdout) = self.child.stdout.take() {
-            std::thread::spawn(move || {
-                for line in BufReader::new(stdout).lines().map_while(Result::ok) {
-                    if sender.send(line).is_err() {
-                        return;
-                    }
-                }
-            });
-        }
-        receiver
-    }
-
-    /// What the script does to this process.
-    fn suffer(&mut self, kind: FaultKind) -> Result<(), Failure> {
-        let pid = Pid::from_child(&self.child);
-        match kind {
-            FaultKind::BaseKilled => self.kill(),
-            FaultKind::BaseStalls => {
-                kill_process(pid, Signal::STOP).or_internal()?;
-                std::thread::sleep(Duration::from_secs_f64(STALL_S));
-                kill_process(pid, Signal::CONT).or_internal()?;
-            }
-            // Its files may not grow any more.
-            FaultKind::DiskFull => {
-                let full = Rlimit {
-                    current: Some(0),
-                    maximum: None,
-                };
-                prlimit(Some(pid), Resource::Fsize, full).or_internal()?;
-            }
-            _ => (),
-        }
-        Ok(())
-    }
-
-    fn kill(&mut self) {
-        // It may have ended by itself.
-        let _ = self.child.kill();
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        if let Ok(None) = self.child.try_wait() {
-            let pid = Pid::from_child(&self.child);
-            let _ = kill_process(pid, Signal::TERM);
-            // It may have an emulator to end, too.
-            let begun = Instant::now();
-            while let Ok(None) = self.child.try_wait()
-                && begun.elapsed() < END_PATIENCE
-            {
-                std::thread::sleep(Duration::from_millis(10));
-            }
-            self.kill();
-        }
-        let _ = self.child.wait();
-    }
 }
 
 /// A UDP port of loopback that nobody has.

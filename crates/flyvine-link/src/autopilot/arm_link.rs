@@ -2,7 +2,7 @@
 
 use flyvine::DT;
 use flyvine::flight::Configuration;
-use vine_arm::{Request, Setpoint, State};
+use vine_arm::{Request, Setpoint, State, Telemetry};
 
 use crate::arm::Arm;
 
@@ -78,6 +78,24 @@ impl WiredArm {
         }
     }
 
+    /// What is still to be asked, once the last question is answered.
+    fn go_on_preparing(&mut self, now_s: f64, telemetry: Option<Telemetry>) {
+        let (Some(length_m), Some(telemetry)) = (self.tell_length_m, telemetry) else {
+            return;
+        };
+        if telemetry.state == State::Stopped {
+            // Refused, as older than what another host has just asked.
+            if now_s >= self.asked_s + ASK_S {
+                self.ask(now_s, Request::Resume);
+            }
+            return;
+        }
+        self.tell_length_m = None;
+        if telemetry.length_m.is_none() {
+            self.ask(now_s, Request::SetLength(length_m as f32));
+        }
+    }
+
     fn ask(&mut self, now_s: f64, request: Request) {
         self.asked_s = now_s;
         let _ = self.arm.ask(now_s, request);
@@ -106,14 +124,7 @@ impl ArmLink for WiredArm {
             // Set-points carry the question too, but there are none before the flight.
             Some(request) if now_s >= self.asked_s + ASK_S => self.ask(now_s, request),
             Some(_) => (),
-            None => {
-                if let Some(telemetry) = telemetry
-                    && let Some(length_m) = self.tell_length_m.take()
-                    && telemetry.length_m.is_none()
-                {
-                    self.ask(now_s, Request::SetLength(length_m as f32));
-                }
-            }
+            None => self.go_on_preparing(now_s, telemetry),
         }
         Some(ArmTelemetry {
             heard_s: telemetry.map_or(f64::NEG_INFINITY, |_| now_s - status.silence_s),
@@ -152,7 +163,75 @@ pub fn growth_rate(now: Configuration, next: Configuration, measured_m: Option<f
 
 #[cfg(test)]
 mod tests {
+    use std::cell::RefCell;
+    use std::io::{ErrorKind, Read, Write};
+    use std::rc::Rc;
+
+    use vine_arm::{Device, Limits, Sensors};
+
     use super::*;
+    use crate::arm::FramedArm;
+
+    /// The firmware's device at the other end of a line; the first frames are lost.
+    struct Line(Rc<RefCell<(Device, Vec<u8>)>>, u32);
+
+    impl Read for Line {
+        fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+            let said = std::mem::take(&mut self.0.borrow_mut().1);
+            buffer[..said.len()].copy_from_slice(&said);
+            (!said.is_empty())
+                .then_some(said.len())
+                .ok_or(ErrorKind::WouldBlock.into())
+        }
+    }
+
+    impl Write for Line {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            if self.1 > 0 {
+                self.1 -= 1;
+                return Ok(bytes.len());
+            }
+            let (device, said) = &mut *self.0.borrow_mut();
+            device.receive(bytes, |frame| said.extend_from_slice(frame));
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn an_arm_that_was_stopped_and_knows_no_length_is_readied_for_a_flight() {
+        let mut device = Device::new(Limits::default()).unwrap();
+        let stop = vine_arm::Frame {
+            sequence: 7,
+            message: vine_arm::Message::Request(Request::Stop),
+        };
+        device.receive(&stop.encode(), |_| ());
+        let end = Rc::new(RefCell::new((device, Vec::new())));
+        let mut arm = WiredArm::new(Box::new(FramedArm::new(Line(Rc::clone(&end), 2), 0.0)));
+        assert_eq!(arm.telemetry(0.0).unwrap().heard_s, f64::NEG_INFINITY);
+        let start = Configuration {
+            length_m: 0.7,
+            pressure_kpa: 0.0,
+        };
+        arm.prepare(0.0, start);
+        let turn = |arm: &mut WiredArm, k: u32| {
+            {
+                let (device, said) = &mut *end.borrow_mut();
+                device.step(5_000, Sensors::default(), |frame| said.extend_from_slice(frame));
+            }
+            arm.telemetry(0.005 * f64::from(k)).unwrap()
+        };
+        let readied = (1..400).map(|k| turn(&mut arm, k)).last().unwrap();
+        assert_eq!(readied.state, Some(State::Waiting), "no longer stopped");
+        assert_eq!(readied.length_m, Some(f64::from(0.7_f32)), "told");
+        arm.command(2.0, 0.01, 0.1);
+        let growing = (400..440).map(|k| turn(&mut arm, k)).last().unwrap();
+        assert_eq!((growing.state, growing.fault()), (Some(State::Active), None));
+        assert!(growing.length_m > readied.length_m);
+    }
 
     #[test]
     fn growth_follows_the_plan_and_what_is_missing_within_its_limit() {

@@ -84,3 +84,55 @@ impl PoseSource for MocapPoses {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+    use crate::mocap::{Bodies, BodyPose, Frame, HygieneLimits, Incoming, Tracker};
+
+    #[test]
+    fn a_slip_is_missing_and_lasting_nonsense_is_shown_to_the_supervisor() {
+        let epoch = Instant::now();
+        let at = |time_s: f64| epoch + Duration::from_secs_f64(time_s);
+        let bodies = Some(Bodies::named("drone", "tip"));
+        let mut tracker = Tracker::new(bodies, HygieneLimits::default(), epoch);
+        let mut latest = |k: u32, x: f64| {
+            let time_s = 0.01 * f64::from(k);
+            let frame = Frame {
+                captured_s: time_s,
+                sent_s: time_s,
+                bodies: vec![BodyPose {
+                    name: "drone".into(),
+                    position: [x + 0.1 * time_s, 0.0, 1.5],
+                    attitude: [1.0, 0.0, 0.0, 0.0],
+                    tracked: true,
+                }],
+            };
+            tracker.take(Incoming::Frame(frame, at(time_s)));
+            let latest = tracker.latest(at(time_s));
+            LatestPoses::new(&latest, |instant| (instant - epoch).as_secs_f64())
+                .quadrotor
+                .unwrap()
+        };
+        for k in 0..10 {
+            latest(k, 0.0);
+        }
+        // A metre beside the vehicle: the last credible pose grows old …
+        for k in 10..30 {
+            let seen = latest(k, 1.0);
+            assert!(
+                (seen.captured_s - 0.09).abs() < 1e-9 && seen.value.position[0] < 0.1,
+                "{k}: {seen:?}"
+            );
+        }
+        // … and after 0.2 s of it the body is nowhere, now.
+        let seen = latest(31, 1.0);
+        assert!(
+            seen.value.position[0].is_nan() && (seen.captured_s - 0.31).abs() < 1e-9,
+            "{seen:?}"
+        );
+        assert!(latest(32, 0.0).value.position[0] < 0.1, "and back again");
+    }
+}

@@ -320,7 +320,7 @@ mod tests {
             model.step(0, &x, &command, &mut fresh);
             x.copy_from_slice(&fresh);
             for (i, entry) in x.iter_mut().enumerate() {
-                *entry += normal([process[0], 1e-3, process[1]][i / 3]);
+                *entry += normal([process[0], 4e-3, process[1]][i / 3]);
             }
             Sample {
                 t_s: row as f64 * crate::DT,

@@ -62,8 +62,8 @@ fn watch<'a>(
         let felt = command(knot.saturating_sub(delay_knots));
         let mut next = vec![0.0; n];
         model.step(knot, &truth, &felt, &mut next);
-        next[28] += push;
-        next[34] += 0.5 * push;
+        next[34] += push;
+        next[40] += 0.5 * push;
         truth = next;
         let mut noisy = |i: usize| truth[i] + normal.sample(&mut random);
         let attitude = [noisy(3), noisy(4), noisy(5)];
