@@ -14,7 +14,7 @@ use crate::outcome::{Blame, CommandResult, Outcome};
 /// A plan depends on what the model predicts 200 to 400 steps ahead, so the rollout's error is what counts: mean 3-D
 /// end-effector distance over windows of 0.5, 1, 2.5, 5 and 10 s, with the worst window and the swings apart. A bank
 /// that knows its band of confidence is asked how many predictions ended within it. Exit code 3 if any rollout
-/// diverges.
+/// diverges, or nearly all leave the band.
 ///
 ///   flyvine check bank.json held-out.csv
 #[derive(Args)]
@@ -35,7 +35,7 @@ pub struct CheckArguments {
 }
 
 /// Fewer windows than this share within a band of 95 %: the band is not about flights like these.
-const MOST: f64 = 0.5;
+const HARDLY_ANY: f64 = 0.1;
 
 /// Runs `flyvine check`.
 pub fn run(arguments: &CheckArguments) -> CommandResult {
@@ -68,7 +68,7 @@ pub fn run(arguments: &CheckArguments) -> CommandResult {
         (extrapolated, "the bank was extrapolated"),
         (
             unsupported,
-            "most rollouts leave the band of confidence: the flights that the models were fitted on do not support \
+            "nearly all rollouts leave the band of confidence: the flights that the models were fitted on do not support \
              these (other motions, or another vehicle)",
         ),
     ] {
@@ -83,7 +83,7 @@ pub fn run(arguments: &CheckArguments) -> CommandResult {
     })
 }
 
-/// Whether most windows leave the band of confidence at a horizon that it was measured at.
+/// Whether nearly all windows leave the band of confidence at a horizon that it was measured at.
 fn is_unsupported(report: &CheckReport) -> bool {
     let Some(band) = &report.band else {
         return false;
@@ -91,7 +91,7 @@ fn is_unsupported(report: &CheckReport) -> bool {
     report.pooled.iter().any(|pooled| {
         pooled.kind == WindowKind::All
             && band.horizons_s.contains(&pooled.error.horizon_s)
-            && pooled.error.within_band.is_some_and(|share| share < MOST)
+            && pooled.error.within_band.is_some_and(|share| share < HARDLY_ANY)
     })
 }
 
