@@ -201,6 +201,8 @@ fn identify(
     };
     say("fitting four models …");
     let (bank, report) = fit_progress::fit(&recordings.training, &options)?;
+    let noise = fit_progress::identify(&bank, &recordings.training)?;
+    let bank = bank.with_noise(noise.map(|noise| noise.levels)).or_internal()?;
     bank.write(&folder.join("bank.json")).or_internal()?;
     write_json(&folder.join("fit.json"), &report)?;
     let checked = check(&bank, &recordings.test).or_internal()?;

@@ -54,7 +54,7 @@ pub struct FlyArguments {
     /// What to fly it on.
     #[arg(long, value_name = "VEHICLE")]
     vehicle: String,
-    /// The control law; `mpc` wants a plan on models that were fitted to flights with steps in them.
+    /// The control law; `mpc` wants a plan on models that were fitted to lively flights, best with steps in them.
     #[arg(long, value_enum, default_value_t = ControllerChoice::OpenLoop)]
     controller: ControllerChoice,
     /// Settings of `--controller mpc` (TOML); what is left out takes its default.

@@ -28,7 +28,7 @@ pub struct MpcOptions {
     /// Weight on the command's deviation from the plan's; without it 1, on lag models 5.
     pub command: Option<f64>,
     /// Weight on the change of that deviation from one knot to the next; without it 10. Under lighter weights the horizon
-    /// relies on the model's fast motions: where the flights had none (no steps), it has been seen to fly out of the room.
+    /// relies on the model's fast motions: an arm that bounces along its axis has been seen to be shaken up by it.
     pub command_change: f64,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
