@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use flyvine::flight::{Flight, Sample, parse_csv};
+use flyvine::flight::{COLUMNS, Flight, Sample, VELOCITY_COLUMNS, parse_csv};
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::data_type::DoubleType;
 use parquet::file::properties::WriterProperties;
@@ -15,32 +15,8 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::record::Field;
 use parquet::schema::types::Type;
 
-const COLUMNS: [&str; 19] = [
-    "t_s",
-    "length_m",
-    "pressure_kpa",
-    "cmd_x",
-    "cmd_y",
-    "cmd_z",
-    "qr_x",
-    "qr_y",
-    "qr_z",
-    "qr_qw",
-    "qr_qx",
-    "qr_qy",
-    "qr_qz",
-    "ee_x",
-    "ee_y",
-    "ee_z",
-    "cmd_vx",
-    "cmd_vy",
-    "cmd_vz",
-];
-/// Columns that every flight has; the others, the commanded velocity, are left out where no row has one.
-const ALWAYS: usize = 16;
-
-/// One row's cells, in the order of [`COLUMNS`].
-fn cells(sample: &Sample) -> [Option<f64>; COLUMNS.len()] {
+/// One row's cells, in the order of [`COLUMNS`] and [`VELOCITY_COLUMNS`].
+fn cells(sample: &Sample) -> Vec<Option<f64>> {
     let configuration = sample.configuration;
     let mut cells = vec![
         Some(sample.t_s),
@@ -60,7 +36,7 @@ fn cells(sample: &Sample) -> [Option<f64>; COLUMNS.len()] {
     );
     part(sample.end_effector.map(|tip| tip.to_vec()), 3);
     part(sample.command_velocity.map(|velocity| velocity.to_vec()), 3);
-    cells.try_into().expect("one cell for each column")
+    cells
 }
 
 /// Writes `flight` as a Parquet file, whole or not at all.
@@ -70,7 +46,10 @@ pub fn write_parquet(path: &Path, flight: &Flight) -> Result<()> {
         .samples
         .iter()
         .any(|sample| sample.command_velocity.is_some());
-    let columns = &COLUMNS[..if has_velocity { COLUMNS.len() } else { ALWAYS }];
+    let mut columns = COLUMNS.to_vec();
+    if has_velocity {
+        columns.extend(VELOCITY_COLUMNS);
+    }
     let field = |name: &&str| {
         let builder = Type::primitive_type_builder(name, Physical::DOUBLE);
         builder
@@ -103,7 +82,8 @@ pub fn read_parquet(path: &Path) -> Result<Flight> {
     let reader = SerializedFileReader::new(file).with_context(|| shown.clone())?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<&str> = schema.columns().iter().map(|column| column.name()).collect();
-    let wanted: Vec<&str> = COLUMNS.into_iter().filter(|name| names.contains(name)).collect();
+    let known = COLUMNS.into_iter().chain(VELOCITY_COLUMNS);
+    let wanted: Vec<&str> = known.filter(|name| names.contains(name)).collect();
     let mut text = wanted.join(",") + "\n";
     for row in reader.get_row_iter(None).with_context(|| shown.clone())? {
         let row = row.with_context(|| shown.clone())?;

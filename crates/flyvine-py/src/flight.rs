@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use flyvine::flight::{
-    Flight, HygieneOptions, Mapping, Pose, Sample, clean, parse_csv, read_flight, recover_flight,
-    write_flight,
+    COLUMNS, Flight, HygieneOptions, Mapping, Pose, Sample, VELOCITY_COLUMNS, clean, parse_csv, read_flight,
+    recover_flight, write_flight,
 };
 use numpy::PyArray2;
 use pyo3::prelude::*;
@@ -13,28 +13,6 @@ use pyo3::types::PyDict;
 use crate::arrays::{self, Vector};
 use crate::errors::{OrRaise, wrong};
 use crate::json;
-
-/// The columns of a flight, as in its CSV.
-const COLUMNS: [&str; 16] = [
-    "t_s",
-    "length_m",
-    "pressure_kpa",
-    "cmd_x",
-    "cmd_y",
-    "cmd_z",
-    "qr_x",
-    "qr_y",
-    "qr_z",
-    "qr_qw",
-    "qr_qx",
-    "qr_qy",
-    "qr_qz",
-    "ee_x",
-    "ee_y",
-    "ee_z",
-];
-/// Columns of a commanded velocity, where a recording has it.
-const VELOCITY: [&str; 3] = ["cmd_vx", "cmd_vy", "cmd_vz"];
 
 /// One recording at 20 Hz; immutable.
 #[pyclass(name = "Flight", module = "flyvine", frozen)]
@@ -67,8 +45,8 @@ impl PyFlight {
             Ok(values.as_array().iter().copied().collect())
         };
         let mut names = COLUMNS.to_vec();
-        if columns.contains(VELOCITY[0])? {
-            names.extend(VELOCITY);
+        if columns.contains(VELOCITY_COLUMNS[0])? {
+            names.extend(VELOCITY_COLUMNS);
         }
         let table = names
             .iter()
@@ -128,7 +106,7 @@ impl PyFlight {
             columns.set_item(name, arrays::vector(python, values))?;
         }
         if samples.iter().any(|sample| sample.command_velocity.is_some()) {
-            for (axis, name) in VELOCITY.iter().enumerate() {
+            for (axis, name) in VELOCITY_COLUMNS.iter().enumerate() {
                 let values = samples
                     .iter()
                     .map(|sample| sample.command_velocity.map_or(f64::NAN, |v| v[axis]));

@@ -16,11 +16,31 @@ use super::error::{FlightError, Problem};
 use super::table::{Column, Row, Table};
 use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
 
-const CONFIGURATION: [&str; 2] = ["length_m", "pressure_kpa"];
-const COMMAND: [&str; 3] = ["cmd_x", "cmd_y", "cmd_z"];
-const COMMAND_VELOCITY: [&str; 3] = ["cmd_vx", "cmd_vy", "cmd_vz"];
-const QUADROTOR: [&str; 7] = ["qr_x", "qr_y", "qr_z", "qr_qw", "qr_qx", "qr_qy", "qr_qz"];
-const END_EFFECTOR: [&str; 3] = ["ee_x", "ee_y", "ee_z"];
+/// The columns of every flight as a table: time (s), configuration (m, kPa), command (m), quadrotor position (m) and attitude
+/// quaternion (scalar first), end effector (m).
+#[rustfmt::skip]
+pub const COLUMNS: [&str; 16] = [
+    "t_s", "length_m", "pressure_kpa", "cmd_x", "cmd_y", "cmd_z",
+    "qr_x", "qr_y", "qr_z", "qr_qw", "qr_qx", "qr_qy", "qr_qz", "ee_x", "ee_y", "ee_z",
+];
+/// Columns of the commanded velocity (m/s), where it was recorded.
+pub const VELOCITY_COLUMNS: [&str; 3] = ["cmd_vx", "cmd_vy", "cmd_vz"];
+
+const CONFIGURATION: [&str; 2] = columns(1);
+const COMMAND: [&str; 3] = columns(3);
+const QUADROTOR: [&str; 7] = columns(6);
+const END_EFFECTOR: [&str; 3] = columns(13);
+
+/// N of [`COLUMNS`], from number `first` on.
+const fn columns<const N: usize>(first: usize) -> [&'static str; N] {
+    let mut names = [""; N];
+    let mut i = 0;
+    while i < N {
+        names[i] = COLUMNS[first + i];
+        i += 1;
+    }
+    names
+}
 
 /// Reads a flight in the CSV format from any reader (`text.as_bytes()` for a string). `name` is the flight's
 /// name and what error messages call the input.
@@ -55,13 +75,9 @@ pub(super) fn format_csv(file: &str, flight: &Flight, steps: &[ControlStep]) -> 
         .samples
         .iter()
         .any(|sample| sample.command_velocity.is_some());
-    let mut names = vec!["t_s"];
-    names.extend(CONFIGURATION);
-    names.extend(COMMAND);
-    names.extend(QUADROTOR);
-    names.extend(END_EFFECTOR);
+    let mut names = COLUMNS.to_vec();
     if has_velocity {
-        names.extend(COMMAND_VELOCITY);
+        names.extend(VELOCITY_COLUMNS);
     }
     if !steps.is_empty() {
         names.extend(STEP_COLUMNS);
@@ -152,13 +168,13 @@ struct Columns {
 
 impl Columns {
     fn find(table: &Table) -> Result<Columns, FlightError> {
-        let has_velocity = COMMAND_VELOCITY.iter().all(|name| table.has(name));
+        let has_velocity = VELOCITY_COLUMNS.iter().all(|name| table.has(name));
         Ok(Columns {
             time: table.column("t_s")?,
             configuration: table.columns(CONFIGURATION)?,
             command: table.columns(COMMAND)?,
             command_velocity: has_velocity
-                .then(|| table.columns(COMMAND_VELOCITY))
+                .then(|| table.columns(VELOCITY_COLUMNS))
                 .transpose()?,
             quadrotor: table.columns(QUADROTOR)?,
             end_effector: table.columns(END_EFFECTOR)?,
