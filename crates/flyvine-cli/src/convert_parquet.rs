@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use flyvine::flight::{COLUMNS, Flight, Sample, VELOCITY_COLUMNS, parse_csv};
+use flyvine::flight::{COLUMNS, Flight, Sample, VELOCITY_COLUMNS, columns_of, parse_csv};
 use parquet::basic::{Repetition, Type as Physical};
 use parquet::data_type::DoubleType;
 use parquet::file::properties::WriterProperties;
@@ -42,14 +42,7 @@ fn cells(sample: &Sample) -> Vec<Option<f64>> {
 /// Writes `flight` as a Parquet file, whole or not at all.
 pub fn write_parquet(path: &Path, flight: &Flight) -> Result<()> {
     let rows: Vec<_> = flight.samples.iter().map(cells).collect();
-    let has_velocity = flight
-        .samples
-        .iter()
-        .any(|sample| sample.command_velocity.is_some());
-    let mut columns = COLUMNS.to_vec();
-    if has_velocity {
-        columns.extend(VELOCITY_COLUMNS);
-    }
+    let columns = columns_of(flight);
     let field = |name: &&str| {
         let builder = Type::primitive_type_builder(name, Physical::DOUBLE);
         builder

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
+use flyvine::Shard;
 use flyvine::flight::Flight;
 use flyvine::model::physical::PhysicalFitOptions;
-use flyvine::model::streaming::{Reduction, Shard};
+use flyvine::model::streaming::Reduction;
 use flyvine::model::{
     Bank, CheckReport, Chosen, FamiliesReport, Family, FamilyOptions, FamilyTrial, Finding, FitOptions,
     FitReport, HeldOutError, InputFile, Refinement, Ridge, Structure, VelocityInput, bootstrap, check,
@@ -13,7 +14,6 @@ use flyvine::model::{
 
 use crate::check::{band_line, check_table};
 use crate::console::{centimetres, print, print_json, progress, say, table};
-use crate::fit_stream::parse_shard;
 use crate::flights::load_flights;
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 use crate::{fit_bootstrap, fit_progress, fit_stream, physical_report};
@@ -86,7 +86,7 @@ pub struct FitArguments {
     #[arg(long, conflicts_with_all = ["ensemble", "bootstrap", "report", "merge"])]
     stream: bool,
     /// Reduce part i of n of the recordings (the same list on every machine) to a partial fit for --merge.
-    #[arg(long, value_name = "i/n", value_parser = parse_shard, conflicts_with_all = ["ensemble", "bootstrap", "report", "merge", "json"])]
+    #[arg(long, value_name = "i/n", conflicts_with_all = ["ensemble", "bootstrap", "report", "merge", "json"])]
     shard: Option<Shard>,
     /// Make the bank from the partial fits of all shards, in any order.
     #[arg(long, value_name = "PARTIAL", num_args = 1.., conflicts_with_all = ["flights", "ensemble", "bootstrap", "report"])]

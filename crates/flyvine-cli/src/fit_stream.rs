@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use flyvine::Shard;
 use flyvine::flight::Flight;
-use flyvine::model::streaming::{PartialFit, Reduction, Shard, StreamReport};
+use flyvine::model::streaming::{PartialFit, Reduction, StreamReport};
 use flyvine::model::{Bank, FitOptions, InputFile, ModelError};
 use rayon::prelude::*;
 
@@ -11,15 +12,6 @@ use crate::console::{print, print_json, progress, say, table};
 use crate::fit::write_bank;
 use crate::flights::{configuration_label, load_flight};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
-
-/// Parses `i/n`.
-pub fn parse_shard(text: &str) -> Result<Shard, String> {
-    let numbers = text.split_once('/').and_then(|(number, of)| {
-        let (number, of) = (number.parse().ok()?, of.parse().ok()?);
-        (1..=of).contains(&number).then_some(Shard { number, of })
-    });
-    numbers.ok_or_else(|| format!("found `{text}`, expected i/n with 1 ≤ i ≤ n, for instance 2/4"))
-}
 
 /// Fits `paths` in one pass over them, and in a second one by orthogonal factors where the first did not determine
 /// the coefficients.

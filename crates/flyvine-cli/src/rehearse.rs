@@ -47,8 +47,9 @@ const AROUND_THE_PLAN: Duration = Duration::from_secs(120);
 /// motion-capture server (VRPN or NatNet), and the arm (its own protocol on a serial line); the base station is
 /// `flyvine fly`, as in a laboratory.
 ///
-/// The flight is recorded in DIR/flight.mcap, scored and compared with the same plan flown in lockstep. A script makes things go wrong (mocap stale,
-/// frozen, jumping, swapped or NaN, link lost or reordering, autopilot rebooting, arm silent, processes killed, …):
+/// The flight is recorded in DIR/flight.mcap, scored and compared with the same plan flown in lockstep. A script makes
+/// things go wrong (mocap stale, frozen, jumping, swapped or NaN, link lost or reordering, autopilot rebooting, arm silent,
+/// processes killed, …):
 ///
 ///   [[fault]]
 ///   kind = "mocap-frozen"      # also: link-loss, autopilot-reboot, arm-silent, base-killed, vehicle-killed, …

@@ -14,6 +14,7 @@ use crate::outcome::{Blame, Failure};
 
 /// How long a process may take to end in good order.
 const END_PATIENCE: Duration = Duration::from_secs(2);
+
 /// A child process that does not outlive its owner.
 pub struct Process {
     /// The child.

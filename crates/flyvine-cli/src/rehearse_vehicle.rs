@@ -1,18 +1,16 @@
 //! The vehicle's end of a rehearsal, a process of its own: physics, autopilot, motion capture and arm.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader};
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use clap::{Args, ValueEnum};
 use flyvine::flight::Configuration;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use flyvine_link::arm::{DEFAULT_BAUD, Pty, open_serial};
+use flyvine_link::arm::{EmulatedBoard, Pty};
 use flyvine_link::autopilot::UdpWire;
 use flyvine_link::mocap::MocapServer;
 use flyvine_link::rehearsal::{Ends, FaultKind, Rig, RigEvent, Script, rig_bodies, serve};
@@ -137,13 +135,8 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
     };
     let vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
     let mut rig = Rig::new(vehicle, configuration, arguments.rig.seed, None, script).or_input()?;
-    let board = arguments
-        .rig
-        .arm_firmware
-        .as_deref()
-        .map(Board::start)
-        .transpose()?;
-    if board.is_some() {
+    let mut emulator = arguments.rig.arm_firmware.as_deref().map(board).transpose()?;
+    if emulator.is_some() {
         rig.use_board();
     }
     let (mocap, mocap_address) = mocap_server(arguments.rig.mocap_protocol)?;
@@ -157,7 +150,8 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
     let wire = UdpWire::call(arguments.autopilot)
         .with_context(|| format!("--autopilot {}", arguments.autopilot))
         .or_input()?;
-    let (mut qemu, board) = board.map(|board| (board.qemu, board.line)).unzip();
+    let line = emulator.as_ref().map(|board| board.line.try_clone());
+    let board = line.transpose().or_internal()?;
     let mut ends = Ends {
         autopilot: Box::new(wire),
         mocap: Some(mocap),
@@ -173,7 +167,7 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
         let _ = print_json(&line);
         if event == RigEvent::Fault(FaultKind::VehicleKilled) {
             // All of the vehicle's end falls silent.
-            drop(qemu.take());
+            drop(emulator.take());
             let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
         }
     })
@@ -203,59 +197,12 @@ fn mocap_server(protocol: MocapProtocol) -> Result<(MocapServer, String), Failur
     }
 }
 
-/// The arm's firmware on an emulated board.
-struct Board {
-    qemu: Qemu,
-    line: File,
-}
-
-/// A running emulator, which ends with whoever started it.
-struct Qemu(Child);
-
-impl Drop for Qemu {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+/// The arm's firmware from `image`, on an emulated board.
+fn board(image: &Path) -> Result<EmulatedBoard, Failure> {
+    if !image.is_file() {
+        return bad_input(format!("--arm-firmware {}: no such file", image.display()));
     }
-}
-
-impl Board {
-    fn start(image: &Path) -> Result<Self, Failure> {
-        if !image.is_file() {
-            return bad_input(format!("--arm-firmware {}: no such file", image.display()));
-        }
-        let mut child = Command::new("qemu-system-arm")
-            .args([
-                "-M",
-                "microbit",
-                "-nographic",
-                "-monitor",
-                "none",
-                "-serial",
-                "pty",
-                "-kernel",
-            ])
-            .arg(image)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .context("cannot start qemu-system-arm")
-            .or_input()?;
-        let stdout = child.stdout.take();
-        let qemu = Qemu(child);
-        // "char device redirected to /dev/pts/7 (label serial0)"
-        let mut said = String::new();
-        if let Some(stdout) = stdout {
-            BufReader::new(stdout).read_line(&mut said).or_internal()?;
-        }
-        let path = said.split_whitespace().find(|word| word.starts_with("/dev/"));
-        let path = path
-            .ok_or_else(|| anyhow!("qemu-system-arm names no line: {said}"))
-            .or_internal()?;
-        let line = open_serial(path.as_ref(), DEFAULT_BAUD)
-            .context(path.to_owned())
-            .or_internal()?;
-        Ok(Board { qemu, line })
-    }
+    EmulatedBoard::start(image)
+        .context("cannot start qemu-system-arm")
+        .or_input()
 }

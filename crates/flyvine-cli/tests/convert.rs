@@ -2,7 +2,7 @@
 
 #![allow(clippy::print_stdout)] // a skip
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use flyvine::flight::{Configuration, Flight, Pose, Sample, read_flight, write_flight};
@@ -74,6 +74,37 @@ fn a_table_that_is_no_flight_is_refused_by_name() {
     );
 }
 
+/// A Python that has `packages`; `None`, said, where it may be absent.
+fn python_with(packages: &[&str]) -> Option<String> {
+    let python = std::env::var("FLYVINE_PEERS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let import = format!("import {}", packages.join(", "));
+    let imported = Command::new(&python).args(["-c", &import]).output();
+    if imported.is_ok_and(|output| output.status.success()) {
+        return Some(python);
+    }
+    let (either, all) = (packages.join(" or "), packages.join(" "));
+    let required = std::env::var("FLYVINE_REQUIRE_PEERS").as_deref() == Ok("1");
+    assert!(
+        !required,
+        "`{python}` has no {either}, and FLYVINE_REQUIRE_PEERS=1 wants all"
+    );
+    println!("skipped: `{python}` has no {either} (pip install {all})");
+    None
+}
+
+fn run_script(python: &str, script: &str, arguments: &[PathBuf]) {
+    let output = Command::new(python)
+        .args(["-c", script])
+        .args(arguments)
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
+
 /// Polars reads ours; DuckDB writes it anew, with its own types and compression, and we read that.
 #[test]
 fn others_read_and_write_the_table() {
@@ -85,34 +116,15 @@ table = polars.read_parquet(ours)
 assert table.height == 60 and table["qr_x"].null_count() == 9 and table["ee_z"].null_count() == 12, table
 duckdb.sql(f"copy (select *, 'x' as remark from '{ours}' order by t_s) to '{theirs}' (format parquet)")
 "#;
-    let python = std::env::var("FLYVINE_PEERS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let has_packages = Command::new(&python)
-        .args(["-c", "import duckdb, polars"])
-        .output();
-    if !has_packages.is_ok_and(|output| output.status.success()) {
-        let required = std::env::var("FLYVINE_REQUIRE_PEERS").as_deref() == Ok("1");
-        assert!(
-            !required,
-            "`{python}` has no duckdb or polars, and FLYVINE_REQUIRE_PEERS=1 wants them"
-        );
-        println!("skipped: `{python}` has no duckdb or polars (pip install duckdb polars)");
+    let Some(python) = python_with(&["duckdb", "polars"]) else {
         return;
-    }
+    };
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
     let flight = flight(None);
     write_flight(&file("flight.csv"), &flight).unwrap();
     convert(&file("flight.csv"), &file("ours.parquet"));
-    let output = Command::new(python)
-        .args(["-c", SCRIPT])
-        .args([file("ours.parquet"), file("theirs.parquet")])
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    run_script(&python, SCRIPT, &[file("ours.parquet"), file("theirs.parquet")]);
     convert(&file("theirs.parquet"), &file("back.csv"));
     assert_eq!(read_flight(&file("back.csv")).unwrap().samples, flight.samples);
 }
@@ -151,29 +163,12 @@ with Writer(Path(sys.argv[1]), version=9, storage_plugin=StoragePlugin.MCAP) as 
         if k % 5 == 0 and k >= 10:
             write("/command", k, [0.001 * k, 0.0, 1.5])
 "#;
-    let python = std::env::var("FLYVINE_PEERS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let has_package = Command::new(&python).args(["-c", "import rosbags"]).output();
-    if !has_package.is_ok_and(|output| output.status.success()) {
-        let required = std::env::var("FLYVINE_REQUIRE_PEERS").as_deref() == Ok("1");
-        assert!(
-            !required,
-            "`{python}` has no rosbags, and FLYVINE_REQUIRE_PEERS=1 wants it"
-        );
-        println!("skipped: `{python}` has no rosbags (pip install rosbags)");
+    let Some(python) = python_with(&["rosbags"]) else {
         return;
-    }
+    };
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
-    let output = Command::new(python)
-        .args(["-c", SCRIPT])
-        .arg(file("bag"))
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    run_script(&python, SCRIPT, &[file("bag")]);
     let bag = std::fs::read_dir(file("bag"))
         .unwrap()
         .map(|entry| entry.unwrap().path());

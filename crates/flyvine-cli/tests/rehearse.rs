@@ -104,6 +104,25 @@ fn run(command: &mut Command) -> Output {
     command.output().unwrap()
 }
 
+/// A flight that ended early has a score, and exit code 3.
+fn assert_scored_as_cut_short(flight: &Path, folder: &Path) {
+    let score = run(binary()
+        .arg("score")
+        .arg(flight)
+        .arg("--plan")
+        .arg(folder.join("plan.json")));
+    assert_eq!(score.status.code(), Some(3), "it ended early: {score:?}");
+    assert!(
+        String::from_utf8_lossy(&score.stdout).contains("reference"),
+        "{score:?}"
+    );
+}
+
+fn assert_landed(folder: &Path) {
+    let phases = phases(folder);
+    assert!(phases.iter().any(|phase| phase == "land"), "{phases:?}");
+}
+
 #[test]
 fn ctrl_c_is_an_abort_that_lands() {
     let scratch = tempfile::tempdir().unwrap();
@@ -114,27 +133,14 @@ fn ctrl_c_is_an_abort_that_lands() {
     kill_process(Pid::from_child(&rehearsal.0), Signal::INT).unwrap();
     assert_eq!(end(&mut rehearsal), Some(3));
     assert_eq!(json(&folder.join("rehearsal.json"))["base_exit_code"], 3);
-    assert!(
-        phases(&folder).iter().any(|phase| phase == "land"),
-        "{:?}",
-        phases(&folder)
-    );
+    assert_landed(&folder);
 
     // The recording is a whole flight like any other, with everything that was heard beside it.
     let recording = folder.join("flight.mcap");
     let flight = read_flight(&recording).unwrap();
     assert!(flight.samples.len() > 20);
     assert_eq!(flight.samples[0].t_s, 0.0);
-    let score = run(binary()
-        .arg("score")
-        .arg(&recording)
-        .arg("--plan")
-        .arg(folder.join("plan.json")));
-    assert_eq!(score.status.code(), Some(3), "it ended early: {score:?}");
-    assert!(
-        String::from_utf8_lossy(&score.stdout).contains("reference"),
-        "{score:?}"
-    );
+    assert_scored_as_cut_short(&recording, &folder);
     let topics = topics(&recording);
     for topic in [
         "/plan/command",
@@ -179,16 +185,7 @@ fn a_killed_base_station_leaves_a_flight_that_is_read_back() {
     // 2 s at 20 Hz, but for the last chunk of 250 ms and the time in which a kill takes effect.
     let rows = read_flight(&whole).unwrap().samples.len();
     assert!((30..=60).contains(&rows), "{rows} rows");
-    let score = run(binary()
-        .arg("score")
-        .arg(&whole)
-        .arg("--plan")
-        .arg(folder.join("plan.json")));
-    assert_eq!(score.status.code(), Some(3), "it ended early: {score:?}");
-    assert!(
-        String::from_utf8_lossy(&score.stdout).contains("reference"),
-        "{score:?}"
-    );
+    assert_scored_as_cut_short(&whole, &folder);
 }
 
 #[test]
@@ -205,11 +202,7 @@ fn a_full_disk_ends_the_flight_on_the_ground() {
     assert_eq!(end(&mut rehearsal), Some(3));
     let said = std::io::read_to_string(rehearsal.0.stderr.take().unwrap()).unwrap();
     assert!(said.contains("abort: the recording cannot be written"), "{said}");
-    assert!(
-        phases(&folder).iter().any(|phase| phase == "land"),
-        "{:?}",
-        phases(&folder)
-    );
+    assert_landed(&folder);
 
     // What cannot happen here is refused.
     std::fs::write(&script, "[[fault]]\nkind = \"solver-late\"\nphase = \"flight\"\n").unwrap();

@@ -4,14 +4,12 @@
 //! they skip; with an image named by FLYVINE_FIRMWARE_IMAGE, they fail.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use flyvine_link::arm::{Arm, FramedArm, Request, Setpoint, Telemetry, open_serial};
+use flyvine_link::arm::{Arm, EmulatedBoard, FramedArm, Request, Setpoint, Telemetry};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use vine_arm::{Air, Decoder, Frame, Message, Refusal, State};
@@ -19,18 +17,10 @@ use vine_arm::{Air, Decoder, Frame, Message, Refusal, State};
 /// One board at a time: the emulation keeps real time.
 static ONE_BOARD: Mutex<()> = Mutex::new(());
 
-/// A running board; killed when dropped.
+/// A running board.
 struct Board {
-    qemu: Child,
-    line: File,
+    emulated: EmulatedBoard,
     _turn: MutexGuard<'static, ()>,
-}
-
-impl Drop for Board {
-    fn drop(&mut self) {
-        let _ = self.qemu.kill();
-        let _ = self.qemu.wait();
-    }
 }
 
 /// Starts the firmware and waits until it speaks.
@@ -45,37 +35,15 @@ fn start_board() -> Option<Board> {
     if !image.is_file() {
         return absent(&format!("no firmware image at {}", image.display()));
     }
-    let spawned = Command::new("qemu-system-arm")
-        .args([
-            "-M",
-            "microbit",
-            "-nographic",
-            "-monitor",
-            "none",
-            "-serial",
-            "pty",
-            "-kernel",
-        ])
-        .arg(&image)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn();
-    let mut qemu = match spawned {
-        Ok(qemu) => qemu,
-        Err(error) => return absent(&format!("qemu-system-arm: {error}")),
+    let emulated = match EmulatedBoard::start(&image) {
+        Ok(emulated) => emulated,
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            return absent(&format!("qemu-system-arm: {error}"));
+        }
+        Err(error) => panic!("{error}"),
     };
-    // "char device redirected to /dev/pts/7 (label serial0)"
-    let mut said = String::new();
-    let stdout = qemu.stdout.take().expect("it is piped");
-    BufReader::new(stdout).read_line(&mut said).unwrap();
-    let path = said
-        .split_whitespace()
-        .find(|word| word.starts_with("/dev/"))
-        .expect("qemu names its line");
-    let line = open_serial(path.as_ref(), 115_200).unwrap();
     let mut board = Board {
-        qemu,
-        line,
+        emulated,
         _turn: turn,
     };
     let mut telemetry = Vec::new();
@@ -105,7 +73,7 @@ impl Board {
     /// What has arrived.
     fn read(&mut self) -> Vec<u8> {
         let mut bytes = vec![0; 4096];
-        let count = match self.line.read(&mut bytes) {
+        let count = match self.emulated.line.read(&mut bytes) {
             Ok(count) => count,
             Err(error) if error.kind() == ErrorKind::WouldBlock => 0,
             Err(error) => panic!("the line failed: {error}"),
@@ -116,7 +84,7 @@ impl Board {
 
     /// Writes as much as the line takes.
     fn write(&mut self, bytes: &[u8]) -> usize {
-        match self.line.write(bytes) {
+        match self.emulated.line.write(bytes) {
             Ok(count) => count,
             Err(error) if error.kind() == ErrorKind::WouldBlock => 0,
             Err(error) => panic!("the line failed: {error}"),
@@ -305,7 +273,7 @@ fn silence_and_noise_stop_growth_and_pumps_within_300_ms() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let clock = Instant::now();
     let now = || clock.elapsed().as_secs_f64();
-    let mut arm = FramedArm::new(board.line.try_clone().unwrap(), now());
+    let mut arm = FramedArm::new(board.emulated.line.try_clone().unwrap(), now());
     // Growth at this rate takes nearly all of the pumps' air: they run until the end.
     let growing = Setpoint {
         growth_rate_m_s: 0.02,

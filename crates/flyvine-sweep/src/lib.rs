@@ -30,11 +30,12 @@ mod table;
 
 pub use error::SweepError;
 pub use file::{Success, SweepFile};
+pub use flyvine::Shard;
 pub use journal::{Journal, journal_rows};
 pub use merge::{RESULTS, collect, merge};
 pub use parameters::Spread;
 pub use row::{RowResult, RowStatus};
-pub use run::{Progress, RunReport, Shard, run};
+pub use run::{Progress, RunReport, run};
 pub use slurm::{SlurmOptions, slurm_script};
 pub use summary::{Group, Summary, WorstRow, summarize};
 pub use sweep::{Row, Sweep};

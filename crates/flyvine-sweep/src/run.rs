@@ -4,45 +4,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use flyvine::Shard;
 use rayon::prelude::*;
 
 use super::{Journal, Sweep, SweepError, journal_rows};
-
-/// Every `of`-th row, beginning with the `number`-th: shards 1 to `of` make the whole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shard {
-    /// From 1.
-    pub number: usize,
-    /// Number of shards.
-    pub of: usize,
-}
-
-impl Shard {
-    /// Everything.
-    pub const WHOLE: Self = Self { number: 1, of: 1 };
-
-    /// The indices of its rows.
-    pub fn indices(self, rows: usize) -> impl Iterator<Item = usize> {
-        (self.number - 1..rows).step_by(self.of)
-    }
-}
-
-impl std::str::FromStr for Shard {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once('/');
-        let shard = parts.and_then(|(number, of)| {
-            Some(Self {
-                number: number.parse().ok()?,
-                of: of.parse().ok()?,
-            })
-        });
-        shard
-            .filter(|shard| (1..=shard.of).contains(&shard.number))
-            .ok_or_else(|| format!("found `{text}`, expected i/n with 1 ≤ i ≤ n, as 3/8"))
-    }
-}
 
 /// Where a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -106,27 +71,4 @@ pub fn run(
         kept: indices.len() - missing.len(),
         computed: missing.len(),
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shards_make_the_whole_without_overlap() {
-        let mut rows: Vec<usize> = (1..=3)
-            .flat_map(|number| Shard { number, of: 3 }.indices(11))
-            .collect();
-        rows.sort_unstable();
-        assert_eq!(rows, (0..11).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn a_shard_is_one_of_its_count() {
-        assert_eq!("3/8".parse(), Ok(Shard { number: 3, of: 8 }));
-        for wrong in ["0/8", "9/8", "3", "a/b", "1/0", "-1/2"] {
-            let error = wrong.parse::<Shard>().unwrap_err();
-            assert!(error.contains(wrong) && error.contains("expected i/n"), "{error}");
-        }
-    }
 }

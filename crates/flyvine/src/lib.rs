@@ -29,9 +29,12 @@ pub mod link;
 pub mod model;
 pub mod report;
 pub mod run;
+mod shard;
 pub mod sim;
 pub mod task;
 pub mod trajopt;
+
+pub use shard::Shard;
 
 /// Sample time of commands, flights and plans, s.
 pub const DT: f64 = 0.05;

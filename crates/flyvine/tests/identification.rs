@@ -128,6 +128,12 @@ fn a_family_that_does_not_follow_its_own_flights_gives_way() {
     }
 }
 
+fn all_but(flights: &[Flight], left_out: usize) -> Vec<Flight> {
+    let mut kept = flights.to_vec();
+    kept.remove(left_out);
+    kept
+}
+
 #[test]
 fn a_slung_load_that_is_sent_velocities_is_predicted_by_physics() {
     let Some(all) = slung_loads(|name| name != "log206.csv") else {
@@ -135,10 +141,7 @@ fn a_slung_load_that_is_sent_velocities_is_predicted_by_physics() {
     };
     let mut medians = Vec::new();
     for left_out in 0..all.len() {
-        let train: Vec<Flight> = (0..all.len())
-            .filter(|&index| index != left_out)
-            .map(|index| all[index].clone())
-            .collect();
+        let train = all_but(&all, left_out);
         let (bank, _) = fit_physical_bank(&train, &PhysicalFitOptions::default(), &mut |_, _| {}).unwrap();
         let checked = check(&bank, &all[left_out..=left_out]).unwrap();
         let (median_m, _) = rollout(&checked, "log", 2.5);
@@ -159,10 +162,7 @@ fn a_slung_load_needs_more_than_plain_least_squares_and_gets_it() {
     assert_eq!(all.len(), 5);
     let mut medians = Vec::new();
     for left_out in 0..all.len() {
-        let train: Vec<Flight> = (0..all.len())
-            .filter(|&index| index != left_out)
-            .map(|index| all[index].clone())
-            .collect();
+        let train = all_but(&all, left_out);
         let (bank, report) = fit_bank(&train, &FitOptions::default()).unwrap();
         assert!(
             matches!(report.findings[0], Finding::PlainLeastSquaresUnusable { .. }),

@@ -11,12 +11,14 @@
 //! | `legacy:PATH` or `legacy:PATH,BAUD` | the prototype's ASCII line, with default [`LegacyOptions`] |
 
 mod client;
+mod emulator;
 mod framed;
 mod legacy;
 mod line;
 mod software;
 
 pub use client::{ArmClient, ArmStatus};
+pub use emulator::EmulatedBoard;
 pub use framed::{FramedArm, UdpLine};
 pub use legacy::{LegacyArm, LegacyDevice, LegacyOptions, LegacyOptionsError, Terminator};
 pub use line::{Pty, open_serial};

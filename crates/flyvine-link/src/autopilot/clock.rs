@@ -2,6 +2,8 @@
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use crate::mocap::clock::seconds_since;
+
 /// Time that never runs backwards, s since the link was opened.
 pub trait Clock {
     /// Now.
@@ -30,10 +32,7 @@ impl MonotonicClock {
 
     /// An instant on this clock, s.
     pub fn at(&self, instant: Instant) -> f64 {
-        match instant.checked_duration_since(self.origin) {
-            Some(since) => since.as_secs_f64(),
-            None => -(self.origin - instant).as_secs_f64(),
-        }
+        seconds_since(self.origin, instant)
     }
 
     /// A time on this clock in whole nanoseconds since 1970.

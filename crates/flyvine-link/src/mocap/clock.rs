@@ -11,7 +11,7 @@
 //! on a wired network) and by the cameras' own latency, where the server stamps frames later than their exposure.
 
 use std::collections::VecDeque;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 
@@ -29,6 +29,14 @@ const EARLY_S: f64 = 0.05;
 const LATE_S: f64 = 0.5;
 /// … for so long mean the same, s.
 const LATE_FOR_S: f64 = 2.0;
+
+/// The time from `origin` to `instant`, s; negative if that is earlier.
+pub(crate) fn seconds_since(origin: Instant, instant: Instant) -> f64 {
+    match instant.checked_duration_since(origin) {
+        Some(since) => since.as_secs_f64(),
+        None => -(origin - instant).as_secs_f64(),
+    }
+}
 
 /// Unix time, s.
 pub(super) fn unix_s() -> f64 {

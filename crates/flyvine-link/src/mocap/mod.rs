@@ -10,7 +10,7 @@
 
 mod address;
 mod bodies;
-mod clock;
+pub(crate) mod clock;
 mod error;
 mod frame;
 mod hygiene;

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use flyvine::flight::Pose;
 use serde::Serialize;
 
+use super::clock::seconds_since;
 use super::watch::{BodyWatch, Credible, Stamp};
 use super::{
     Bodies, BodyFrame, ClockEstimate, ClockFilter, Frame, HygieneCounts, HygieneLimits, Incoming, LinkState,
@@ -116,10 +117,7 @@ impl Tracker {
 
     /// An instant by our clock, s.
     fn here_s(&self, instant: Instant) -> f64 {
-        match instant.checked_duration_since(self.epoch) {
-            Some(since) => since.as_secs_f64(),
-            None => -(self.epoch - instant).as_secs_f64(),
-        }
+        seconds_since(self.epoch, instant)
     }
 
     /// The instant at a time of our clock.

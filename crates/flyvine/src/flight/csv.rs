@@ -27,9 +27,23 @@ pub const COLUMNS: [&str; 16] = [
 pub const VELOCITY_COLUMNS: [&str; 3] = ["cmd_vx", "cmd_vy", "cmd_vz"];
 
 const CONFIGURATION: [&str; 2] = columns(1);
-const COMMAND: [&str; 3] = columns(3);
+/// Those of the command.
+pub const COMMAND_COLUMNS: [&str; 3] = columns(3);
 const QUADROTOR: [&str; 7] = columns(6);
 const END_EFFECTOR: [&str; 3] = columns(13);
+
+/// The columns of `flight`: [`COLUMNS`], and [`VELOCITY_COLUMNS`] if a row has a commanded velocity.
+pub fn columns_of(flight: &Flight) -> Vec<&'static str> {
+    let mut names = COLUMNS.to_vec();
+    if flight
+        .samples
+        .iter()
+        .any(|sample| sample.command_velocity.is_some())
+    {
+        names.extend(VELOCITY_COLUMNS);
+    }
+    names
+}
 
 /// N of [`COLUMNS`], from number `first` on.
 const fn columns<const N: usize>(first: usize) -> [&'static str; N] {
@@ -71,14 +85,8 @@ pub fn parse_csv(name: &str, input: impl Read) -> Result<Flight, FlightError> {
 
 /// The flight as CSV text. Rust prints the shortest decimal that reads back as the same number.
 pub(super) fn format_csv(file: &str, flight: &Flight, steps: &[ControlStep]) -> Result<String, FlightError> {
-    let has_velocity = flight
-        .samples
-        .iter()
-        .any(|sample| sample.command_velocity.is_some());
-    let mut names = COLUMNS.to_vec();
-    if has_velocity {
-        names.extend(VELOCITY_COLUMNS);
-    }
+    let mut names = columns_of(flight);
+    let has_velocity = names.len() > COLUMNS.len();
     if !steps.is_empty() {
         names.extend(STEP_COLUMNS);
     }
@@ -172,7 +180,7 @@ impl Columns {
         Ok(Columns {
             time: table.column("t_s")?,
             configuration: table.columns(CONFIGURATION)?,
-            command: table.columns(COMMAND)?,
+            command: table.columns(COMMAND_COLUMNS)?,
             command_velocity: has_velocity
                 .then(|| table.columns(VELOCITY_COLUMNS))
                 .transpose()?,

@@ -24,7 +24,7 @@ mod table;
 pub use self::continuity::CLOCK_TOLERANCE_S;
 pub use self::control_step::{ControlStep, StepReport, StepStatus};
 pub use self::corner::Corner;
-pub use self::csv::{COLUMNS, VELOCITY_COLUMNS, parse_csv};
+pub use self::csv::{COLUMNS, COMMAND_COLUMNS, VELOCITY_COLUMNS, columns_of, parse_csv};
 pub use self::error::{FlightError, Place, Problem};
 pub use self::files::{
     read_control_steps, read_flight, recover_flight, write_controlled_flight, write_flight,

@@ -34,6 +34,26 @@ pub(crate) struct Ridges {
     pub height: Option<f64>,
 }
 
+impl Ridges {
+    /// What holds back the rows that are linear in `p` regressors.
+    pub fn linear_penalty(self, p: usize) -> Penalty {
+        Penalty {
+            intercept: false,
+            strengths: vec![self.linear; p],
+        }
+    }
+
+    /// What holds back the quadratic height row: its products by the height ridge.
+    pub fn height_penalty(self, p: usize) -> Option<Penalty> {
+        let mut strengths = vec![self.height?; quadratic_len(p) - 1];
+        strengths[..p].fill(self.linear);
+        Some(Penalty {
+            intercept: true,
+            strengths,
+        })
+    }
+}
+
 /// The quadratic height row, in w.
 pub(crate) struct HeightRow {
     pub offset: f64,
@@ -52,11 +72,11 @@ pub(crate) struct Block {
 }
 
 /// The two regressions of a corner.
-struct Factors<F> {
+pub(crate) struct Factors<F> {
     /// `[w | x_{k+1} − x_k]`, all nine signals.
-    linear: F,
+    pub linear: F,
     /// `[1, w, v vᵀ | height increment]`, for the paper's structure.
-    height: Option<F>,
+    pub height: Option<F>,
 }
 
 /// The recordings at one configuration.
@@ -217,40 +237,14 @@ impl Factors<TriangularFactor> {
 
 impl Block {
     fn new(track: usize, rows: Range<usize>, source: &Track, shape: Shape) -> Self {
-        let Shape {
-            structure,
-            lags,
-            inputs,
-        } = shape;
+        let Shape { lags, inputs, .. } = shape;
         let transitions: Vec<usize> = rows.clone().filter(|&k| source.unbroken(k, lags, 1)).collect();
         let coordinates = Coordinates::new(lags, inputs);
-        let p = lags * STATE_LEN + inputs.len();
-        let (mut w, mut v, mut terms) = (vec![0.0; p], vec![0.0; p], vec![0.0; quadratic_len(p)]);
-        let quadratic = structure == Structure::Paper;
-        let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
-        let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
-        for (row, &k) in transitions.iter().enumerate() {
-            source.regressors(k, lags, &mut w);
-            for (column, &value) in w.iter().enumerate() {
-                linear[(row, column)] = value;
-            }
-            let increments = source.increments(k);
-            for signal in 0..STATE_LEN {
-                linear[(row, p + signal)] = increments[signal];
-            }
-            if quadratic {
-                coordinates.apply(&w, &mut v);
-                quadratic_terms(&w, &v, &mut terms);
-                for (column, &value) in terms.iter().enumerate() {
-                    height[(row, column)] = value;
-                }
-                height[(row, terms.len())] = increments[HEIGHT_ROW];
-            }
-        }
-        let factors = Factors {
-            linear: TriangularFactor::of_rows(linear, p),
-            height: quadratic.then(|| TriangularFactor::of_rows(height, terms.len())),
-        };
+        let mut v = vec![0.0; shape.regressors()];
+        let factors = shape.factors(source, &transitions, |w, terms| {
+            coordinates.apply(w, &mut v);
+            quadratic_terms(w, &v, terms);
+        });
         Self {
             track,
             rows,
@@ -261,6 +255,42 @@ impl Block {
 }
 
 impl Shape {
+    /// Number p of the regressors w.
+    pub fn regressors(self) -> usize {
+        self.lags * STATE_LEN + self.inputs.len()
+    }
+
+    /// Factors the rows of `transitions` k → k + 1; `height_terms` writes the terms of the quadratic height row for a w.
+    pub fn factors(
+        self,
+        source: &Track,
+        transitions: &[usize],
+        mut height_terms: impl FnMut(&[f64], &mut [f64]),
+    ) -> Factors<TriangularFactor> {
+        let p = self.regressors();
+        let quadratic = self.structure == Structure::Paper;
+        let (mut w, mut terms) = (vec![0.0; p], vec![0.0; quadratic_len(p)]);
+        let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
+        let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
+        for (row, &k) in transitions.iter().enumerate() {
+            source.regressors(k, self.lags, &mut w);
+            let increments = source.increments(k);
+            for (column, &value) in w.iter().chain(&increments).enumerate() {
+                linear[(row, column)] = value;
+            }
+            if quadratic {
+                height_terms(&w, &mut terms);
+                for (column, &value) in terms.iter().chain([&increments[HEIGHT_ROW]]).enumerate() {
+                    height[(row, column)] = value;
+                }
+            }
+        }
+        Factors {
+            linear: TriangularFactor::of_rows(linear, p),
+            height: quadratic.then(|| TriangularFactor::of_rows(height, terms.len())),
+        }
+    }
+
     /// Solves both regressions and puts the model together, back in the coordinates w.
     fn model<F>(
         self,
@@ -269,21 +299,10 @@ impl Shape {
         solve: &dyn Fn(&F, &Penalty) -> Mat<f64>,
     ) -> Result<LagModel, ModelError> {
         let Self { lags, inputs, .. } = self;
-        let p = lags * STATE_LEN + inputs.len();
-        let theta = solve(
-            &factors.linear,
-            &Penalty {
-                intercept: false,
-                strengths: vec![ridges.linear; p],
-            },
-        );
-        let height = ridges.height.zip(factors.height.as_ref()).map(|(ridge, factor)| {
-            let mut strengths = vec![ridge; quadratic_len(p) - 1];
-            strengths[..p].fill(ridges.linear);
-            let penalty = Penalty {
-                intercept: true,
-                strengths,
-            };
+        let p = self.regressors();
+        let theta = solve(&factors.linear, &ridges.linear_penalty(p));
+        let penalty = ridges.height_penalty(p);
+        let height = penalty.zip(factors.height.as_ref()).map(|(penalty, factor)| {
             let theta = solve(factor, &penalty);
             let theta = theta.col_as_slice(0);
             HeightRow {

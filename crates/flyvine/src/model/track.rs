@@ -3,10 +3,7 @@
 use super::bank::same;
 use super::error::ModelError;
 use super::lag::{CommandInputs, STATE_LEN};
-use crate::flight::{Configuration, Flight, SIGNALS};
-
-/// Names of the command's entries.
-const COMMANDS: [&str; 6] = ["cmd_x", "cmd_y", "cmd_z", "cmd_vx", "cmd_vy", "cmd_vz"];
+use crate::flight::{COMMAND_COLUMNS, Configuration, Flight, SIGNALS, VELOCITY_COLUMNS};
 
 /// A flight as arrays for fitting and rolling out.
 pub(crate) struct Track<'a> {
@@ -130,7 +127,8 @@ fn refuse_non_finite(
         Some((index / width, index % width))
     };
     let state = first(states.as_flattened(), STATE_LEN).map(|(row, field)| (row, SIGNALS[field]));
-    let command = first(commands, inputs.len()).map(|(row, field)| (row, COMMANDS[field]));
+    let names = [COMMAND_COLUMNS, VELOCITY_COLUMNS].concat();
+    let command = first(commands, inputs.len()).map(|(row, field)| (row, names[field]));
     match state.into_iter().chain(command).min_by_key(|(row, _)| *row) {
         None => Ok(()),
         Some((row, field)) => Err(ModelError::FlightValue {

@@ -2,6 +2,7 @@
 
 use super::DISTURBANCES;
 use crate::model::NoiseLevels;
+use crate::model::physical::offset;
 
 /// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, g, τ.
 #[derive(Debug, Clone)]
@@ -38,10 +39,8 @@ const PHYSICAL: [(usize, f64, f64, usize); 14] = [
     (3, 1e-2, 2e-4, 2), // inner joint
     (3, 2e-2, 5e-3, 2), // its velocity
 ];
-/// First entries of the velocities of quadrotor, tip and inner joint.
-const VELOCITY: usize = 9;
-const TIP_VELOCITY: usize = 34;
-const JOINT_VELOCITY: usize = 40;
+/// First entry of the inner joint's velocity.
+const JOINT_VELOCITY: usize = offset::JOINTS + 3;
 /// What pushes the tip pushes the inner joint by this share.
 const JOINT_SHARE: f64 = 0.5;
 
@@ -75,9 +74,9 @@ impl Layout {
         append(noise, &mut initial, &mut process);
         let mut entries = Vec::new();
         for axis in 0..3 {
-            entries.push((VELOCITY + axis, axis, 1.0));
-            entries.push((3 + axis, 3 + axis, 1.0));
-            entries.push((TIP_VELOCITY + axis, 6 + axis, 1.0));
+            entries.push((offset::VELOCITY + axis, axis, 1.0));
+            entries.push((offset::ATTITUDE + axis, 3 + axis, 1.0));
+            entries.push((offset::TIP_VELOCITY + axis, 6 + axis, 1.0));
             entries.push((JOINT_VELOCITY + axis, 6 + axis, JOINT_SHARE));
         }
         Self {

@@ -1,5 +1,6 @@
 use super::*;
 use crate::flight::Configuration;
+use crate::model::physical::offset;
 use crate::model::physical::{ArmLength, Parameters, PhysicalModel};
 use crate::model::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use rand::SeedableRng;
@@ -62,8 +63,8 @@ fn watch<'a>(
         let felt = command(knot.saturating_sub(delay_knots));
         let mut next = vec![0.0; n];
         model.step(knot, &truth, &felt, &mut next);
-        next[34] += push;
-        next[40] += 0.5 * push;
+        next[offset::TIP_VELOCITY] += push;
+        next[offset::JOINTS + 3] += 0.5 * push;
         truth = next;
         let mut noisy = |i: usize| truth[i] + normal.sample(&mut random);
         let attitude = [noisy(3), noisy(4), noisy(5)];

@@ -62,4 +62,5 @@ pub use flight_data::{FlightData, Observed, arm_lengths};
 pub use model::{FitSummary, PhysicalModel};
 pub use observer::{Observer, observe};
 pub use parameters::{PARAMETER_COUNT, PARAMETERS, ParameterInfo, Parameters, Part, Scale};
+pub(crate) use state::offset;
 pub use state::{OUTPUT_LEN, STATE_LEN};

@@ -10,7 +10,7 @@
 use super::error::PhysicalError;
 use super::flight_data::{FlightData, Observed};
 use super::parameters::Parameters;
-use super::state::{OUTPUT_LEN, STATE_LEN, State};
+use super::state::{OUTPUT_LEN, STATE_LEN, State, offset};
 use crate::trajopt::Dynamics;
 use nalgebra::{DMatrix, SMatrix, SVector};
 
@@ -50,7 +50,7 @@ pub struct Observer {
 impl Observer {
     /// Starts at a state guessed from poses.
     pub fn new(start: &State<f64>) -> Self {
-        let inner = (9 + 25 + 3..STATE_LEN).step_by(6).flat_map(|_| INNER_JOINT);
+        let inner = (offset::JOINTS..STATE_LEN).step_by(6).flat_map(|_| INNER_JOINT);
         let deviations: Vec<(f64, f64)> = BLOCKS
             .into_iter()
             .chain(inner)
@@ -204,9 +204,18 @@ mod tests {
         let (truth, estimates) = truth_and_estimates(0..0);
         let (truth, estimate) = (truth.last().unwrap(), estimates.last().unwrap());
         assert!(worst(truth, estimate, 0..9) < 2e-3, "outputs");
-        assert!(worst(truth, estimate, 9..12) < 0.02, "velocity");
-        assert!(worst(truth, estimate, 21..24) < 0.05, "integrator");
-        assert!(worst(truth, estimate, 37..40) < 0.01, "inner joint");
+        assert!(
+            worst(truth, estimate, offset::VELOCITY..offset::BODY_RATE) < 0.02,
+            "velocity"
+        );
+        assert!(
+            worst(truth, estimate, offset::INTEGRATOR..offset::FILTERED_VELOCITY) < 0.05,
+            "integrator"
+        );
+        assert!(
+            worst(truth, estimate, offset::JOINTS..offset::JOINTS + 3) < 0.01,
+            "inner joint"
+        );
     }
 
     #[test]

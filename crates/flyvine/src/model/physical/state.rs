@@ -12,17 +12,43 @@ pub const LINKS: usize = 2;
 /// Number of earlier commands that may still be in transport: the longest delay, in knots.
 pub const COMMANDS: usize = 2;
 
+/// Where the parts of the flat state begin.
+pub mod offset {
+    /// Position (3).
+    pub const POSITION: usize = 0;
+    /// Attitude (3).
+    pub const ATTITUDE: usize = POSITION + 3;
+    /// Tip (3), the last of the outputs.
+    pub const TIP: usize = ATTITUDE + 3;
+    /// Velocity (3).
+    pub const VELOCITY: usize = TIP + 3;
+    /// Body rate (3).
+    pub const BODY_RATE: usize = VELOCITY + 3;
+    /// Angular acceleration (3).
+    pub const ANGULAR_ACCELERATION: usize = BODY_RATE + 3;
+    /// Rate integrator (3).
+    pub const RATE_INTEGRATOR: usize = ANGULAR_ACCELERATION + 3;
+    /// Integrator (3).
+    pub const INTEGRATOR: usize = RATE_INTEGRATOR + 3;
+    /// Filtered velocity (3).
+    pub const FILTERED_VELOCITY: usize = INTEGRATOR + 3;
+    /// Thrust (1).
+    pub const THRUST: usize = FILTERED_VELOCITY + 3;
+    /// Commands in transport, the newest first (3 each).
+    pub const COMMANDS: usize = THRUST + 1;
+    /// Tip velocity (3).
+    pub const TIP_VELOCITY: usize = COMMANDS + 3 * super::COMMANDS;
+    /// Inner joints from the base outwards: position (3) and velocity (3) of each.
+    pub const JOINTS: usize = TIP_VELOCITY + 3;
+}
+
 /// Length of the flat state: the nine outputs first, then what is hidden.
-pub const STATE_LEN: usize = 31 + 6 * LINKS;
+pub const STATE_LEN: usize = offset::JOINTS + 6 * (LINKS - 1);
 
 /// Number of outputs `x ∈ R⁹`: quadrotor position, attitude vector part, end-effector position.
 pub const OUTPUT_LEN: usize = 9;
 
-/// State of quadrotor, autopilot and arm. World frame unless said otherwise.
-///
-/// Flat layout: position (3), attitude (3), tip (3) | velocity (3), body rate (3), angular acceleration (3),
-/// rate integrator (3), integrator (3), filtered velocity (3), thrust (1), commands (3 × [`COMMANDS`]), tip velocity (3) | for every inner
-/// joint from the base outwards: position (3), velocity (3).
+/// State of quadrotor, autopilot and arm. World frame unless said otherwise. [`offset`] is its flat layout.
 #[derive(Debug, Clone, Copy)]
 pub struct State<S> {
     /// Quadrotor position, m.
@@ -113,23 +139,23 @@ impl<S: Scalar> State<S> {
     /// From the flat layout ([`STATE_LEN`] entries).
     pub fn from_flat(flat: &[S]) -> Self {
         let vector = |at: usize| Vector([flat[at], flat[at + 1], flat[at + 2]]);
-        let mut points = [vector(6); LINKS];
-        let mut point_velocities = [vector(34); LINKS];
+        let mut points = [vector(offset::TIP); LINKS];
+        let mut point_velocities = [vector(offset::TIP_VELOCITY); LINKS];
         for joint in 0..LINKS - 1 {
-            points[joint] = vector(37 + 6 * joint);
-            point_velocities[joint] = vector(40 + 6 * joint);
+            points[joint] = vector(offset::JOINTS + 6 * joint);
+            point_velocities[joint] = vector(offset::JOINTS + 6 * joint + 3);
         }
         State {
-            position: vector(0),
-            attitude: vector(3),
-            velocity: vector(9),
-            body_rate: vector(12),
-            angular_acceleration: vector(15),
-            rate_integrator: vector(18),
-            integrator: vector(21),
-            filtered_velocity: vector(24),
-            thrust: flat[27],
-            commands: [vector(28), vector(31)],
+            position: vector(offset::POSITION),
+            attitude: vector(offset::ATTITUDE),
+            velocity: vector(offset::VELOCITY),
+            body_rate: vector(offset::BODY_RATE),
+            angular_acceleration: vector(offset::ANGULAR_ACCELERATION),
+            rate_integrator: vector(offset::RATE_INTEGRATOR),
+            integrator: vector(offset::INTEGRATOR),
+            filtered_velocity: vector(offset::FILTERED_VELOCITY),
+            thrust: flat[offset::THRUST],
+            commands: std::array::from_fn(|knot| vector(offset::COMMANDS + 3 * knot)),
             points,
             point_velocities,
         }
@@ -138,23 +164,24 @@ impl<S: Scalar> State<S> {
     /// Writes the flat layout into the first [`STATE_LEN`] entries of `flat`.
     pub fn write_flat(&self, flat: &mut [S]) {
         let mut put = |at: usize, vector: &Vector<S>| flat[at..at + 3].copy_from_slice(&vector.0);
-        put(0, &self.position);
-        put(3, &self.attitude);
-        put(6, &self.points[LINKS - 1]);
-        put(9, &self.velocity);
-        put(12, &self.body_rate);
-        put(15, &self.angular_acceleration);
-        put(18, &self.rate_integrator);
-        put(21, &self.integrator);
-        put(24, &self.filtered_velocity);
-        put(28, &self.commands[0]);
-        put(31, &self.commands[1]);
-        put(34, &self.point_velocities[LINKS - 1]);
-        for joint in 0..LINKS - 1 {
-            put(37 + 6 * joint, &self.points[joint]);
-            put(40 + 6 * joint, &self.point_velocities[joint]);
+        put(offset::POSITION, &self.position);
+        put(offset::ATTITUDE, &self.attitude);
+        put(offset::TIP, &self.points[LINKS - 1]);
+        put(offset::VELOCITY, &self.velocity);
+        put(offset::BODY_RATE, &self.body_rate);
+        put(offset::ANGULAR_ACCELERATION, &self.angular_acceleration);
+        put(offset::RATE_INTEGRATOR, &self.rate_integrator);
+        put(offset::INTEGRATOR, &self.integrator);
+        put(offset::FILTERED_VELOCITY, &self.filtered_velocity);
+        for (knot, command) in self.commands.iter().enumerate() {
+            put(offset::COMMANDS + 3 * knot, command);
         }
-        flat[27] = self.thrust;
+        put(offset::TIP_VELOCITY, &self.point_velocities[LINKS - 1]);
+        for joint in 0..LINKS - 1 {
+            put(offset::JOINTS + 6 * joint, &self.points[joint]);
+            put(offset::JOINTS + 6 * joint + 3, &self.point_velocities[joint]);
+        }
+        flat[offset::THRUST] = self.thrust;
     }
 
     /// The outputs `x ∈ R⁹`.

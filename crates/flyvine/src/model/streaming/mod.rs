@@ -18,14 +18,15 @@ use self::sums::{Basis, Solved, Sums};
 use super::bank::{
     Bank, BankModel, BankProvenance, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics, PRESSURE_TOLERANCE_KPA,
 };
-use super::corner::Shape;
+use super::corner::{Ridges, Shape};
 use super::error::ModelError;
 use super::family::Model;
 use super::features::quadratic_len;
-use super::lag::{CommandInputs, HEIGHT_ROW, STATE_LEN};
+use super::lag::{CommandInputs, HEIGHT_ROW};
 use super::options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 use super::selection::Candidate;
 use super::track::{Track, constant_configuration};
+use crate::Shard;
 use crate::file::write_whole;
 use crate::flight::{Configuration, Flight, SIGNALS};
 use rayon::prelude::*;
@@ -39,25 +40,6 @@ const SCHEMA: &str = "flyvine-partial-fit";
 pub const PARTIAL_FIT_SCHEMA_VERSION: u64 = 1;
 /// Share by which rounding may enlarge a residual before sums are refused.
 const ALLOWED_EXCESS: f64 = 1e-10;
-
-/// Which part of a list of flights one process takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shard {
-    /// From 1.
-    pub number: usize,
-    /// Number of parts.
-    pub of: usize,
-}
-
-impl Shard {
-    /// All flights.
-    pub const WHOLE: Self = Self { number: 1, of: 1 };
-
-    /// Its flights among `flights`, as indices.
-    pub fn range(self, flights: usize) -> Range<usize> {
-        flights * (self.number - 1) / self.of..flights * self.number / self.of
-    }
-}
 
 /// The sums of some of the flights of a fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -274,9 +256,12 @@ impl PartialFit {
             });
         }
         let shape = self.shape();
-        let [linear_ridge, height_ridge] =
-            [self.options.linear_ridge, self.options.height_ridge].map(given_ridge);
-        let solve = |cell: Cell| solve_cell(cell, self.flights, shape, [linear_ridge, height_ridge]);
+        let height = given_ridge(self.options.height_ridge);
+        let ridges = Ridges {
+            linear: given_ridge(self.options.linear_ridge),
+            height: (shape.structure == Structure::Paper).then_some(height),
+        };
+        let solve = |cell: Cell| solve_cell(cell, self.flights, shape, ridges);
         let solved = self
             .cells
             .into_par_iter()
@@ -289,8 +274,8 @@ impl PartialFit {
             options: self.options,
             chosen: Some(Candidate {
                 inputs: shape.inputs,
-                linear_ridge,
-                height_ridge: (shape.structure == Structure::Paper).then_some(height_ridge),
+                linear_ridge: ridges.linear,
+                height_ridge: ridges.height,
                 refined: false,
                 corners: None,
                 interior: None,
@@ -469,7 +454,7 @@ fn solve_cell(
     cell: Cell,
     flights: usize,
     shape: Shape,
-    [linear_ridge, height_ridge]: [f64; 2],
+    ridges: Ridges,
 ) -> Result<(BankModel, StreamedCorner), ModelError> {
     let Cell {
         configuration,
@@ -478,7 +463,7 @@ fn solve_cell(
     } = cell;
     sums.skip_to(flights);
     let sums = sums.total().expect("a configuration has flights");
-    let p = shape.lags * STATE_LEN + shape.inputs.len();
+    let p = shape.regressors();
     let (rows, coefficients) = match shape.structure {
         Structure::Paper => (sums.rows(), quadratic_len(p)),
         Structure::Linear => (sums.rows(), p),
@@ -497,7 +482,7 @@ fn solve_cell(
         excess,
     };
     let solved: Solved = sums
-        .solve(&basis, linear_ridge, height_ridge)
+        .solve(&basis, ridges)
         .ok_or_else(|| ill_conditioned(f64::INFINITY))?;
     let excess = solved.excess();
     if excess > ALLOWED_EXCESS {

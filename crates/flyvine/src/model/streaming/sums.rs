@@ -1,10 +1,10 @@
 //! What a fit needs to know of the rows of some flights, in one of two forms.
 
-use super::super::corner::{HeightRow, Shape};
+use super::super::corner::{HeightRow, Ridges, Shape};
 use super::super::family::rest_state;
 use super::super::features::{Coordinates, quadratic_len, quadratic_terms};
-use super::super::lag::{HEIGHT_ROW, STATE_LEN};
-use super::super::least_squares::{Penalty, Solution, TriangularFactor};
+use super::super::lag::STATE_LEN;
+use super::super::least_squares::{Solution, TriangularFactor};
 use super::super::options::Structure;
 use super::super::track::Track;
 use super::moments::Moments;
@@ -66,7 +66,7 @@ impl Basis {
     pub fn new(shape: Shape, configuration: Configuration) -> Self {
         let mut rest = rest_state(configuration, shape.lags);
         rest.extend([0.0, 0.0, HOVER_HEIGHT_M]);
-        rest.resize(shape.lags * STATE_LEN + shape.inputs.len(), 0.0);
+        rest.resize(shape.regressors(), 0.0);
         Self {
             shape,
             coordinates: Coordinates::new(shape.lags, shape.inputs),
@@ -160,23 +160,15 @@ impl Sums {
     }
 
     /// Solves both regressions; `None` if the sums do not determine them.
-    pub fn solve(&self, basis: &Basis, linear_ridge: f64, height_ridge: f64) -> Option<Solved> {
+    pub fn solve(&self, basis: &Basis, ridges: Ridges) -> Option<Solved> {
         let p = basis.rest.len();
-        let linear = Penalty {
-            intercept: false,
-            strengths: vec![linear_ridge; p],
-        };
-        let mut height = Penalty {
-            intercept: true,
-            strengths: vec![height_ridge; quadratic_len(p) - 1],
-        };
-        height.strengths[..p].fill(linear_ridge);
+        let (linear, penalty) = (ridges.linear_penalty(p), ridges.height_penalty(p));
         match self {
             Self::Moments(moments) => {
                 let gram = moments.linear_gram(basis.regressors_from_motion().as_ref());
-                let height = match moments.height_gram() {
-                    Some(gram) => Some(gram.solution(&height)?),
-                    None => None,
+                let height = match (moments.height_gram(), penalty) {
+                    (Some(gram), Some(penalty)) => Some(gram.solution(&penalty)?),
+                    _ => None,
                 };
                 Some(Solved {
                     linear: gram.solution(&linear)?,
@@ -187,9 +179,9 @@ impl Sums {
                 linear: rows,
                 height: products,
             } => {
-                let height = match products {
-                    Some(triangle) => Some(triangle.factor().solution(&height)?),
-                    None => None,
+                let height = match (products, penalty) {
+                    (Some(triangle), Some(penalty)) => Some(triangle.factor().solution(&penalty)?),
+                    _ => None,
                 };
                 Some(Solved {
                     linear: rows.factor().solution(&linear)?,
@@ -201,7 +193,7 @@ impl Sums {
 
     /// Whether these are sums as `shape` and `reduction` make them.
     pub fn fits(&self, shape: Shape, reduction: Reduction) -> bool {
-        let p = shape.lags * STATE_LEN + shape.inputs.len();
+        let p = shape.regressors();
         let quadratic = shape.structure == Structure::Paper;
         match self {
             Self::Moments(moments) => reduction == Reduction::Moments && moments.fits(1 + p, quadratic),
@@ -245,10 +237,6 @@ impl Merge for Sums {
 }
 
 impl Triangle {
-    fn of_rows(rows: Mat<f64>, regressors: usize) -> Self {
-        Self::keep(&TriangularFactor::of_rows(rows, regressors))
-    }
-
     fn keep(factor: &TriangularFactor) -> Self {
         let regressors = factor.regressors();
         let (width, columns) = factor.columns();
@@ -290,27 +278,13 @@ fn moments(track: &Track, transitions: &[usize], basis: &Basis) -> Sums {
 }
 
 fn triangles(track: &Track, transitions: &[usize], basis: &Basis) -> Sums {
-    let p = basis.rest.len();
-    let quadratic = basis.shape.structure == Structure::Paper;
-    let (mut w, mut d, mut terms) = (vec![0.0; p], vec![0.0; p], vec![0.0; quadratic_len(p)]);
-    let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
-    let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
-    for (row, &k) in transitions.iter().enumerate() {
-        track.regressors(k, basis.shape.lags, &mut w);
-        let increments = track.increments(k);
-        for (column, &value) in w.iter().chain(&increments).enumerate() {
-            linear[(row, column)] = value;
-        }
-        if quadratic {
-            basis.motion(&w, &mut d);
-            quadratic_terms(&d, &d, &mut terms);
-            for (column, &value) in terms.iter().chain([&increments[HEIGHT_ROW]]).enumerate() {
-                height[(row, column)] = value;
-            }
-        }
-    }
+    let mut d = vec![0.0; basis.rest.len()];
+    let factors = basis.shape.factors(track, transitions, |w, terms| {
+        basis.motion(w, &mut d);
+        quadratic_terms(&d, &d, terms);
+    });
     Sums::Triangles {
-        linear: Triangle::of_rows(linear, p),
-        height: quadratic.then(|| Triangle::of_rows(height, terms.len())),
+        linear: Triangle::keep(&factors.linear),
+        height: factors.height.as_ref().map(Triangle::keep),
     }
 }
