@@ -1,34 +1,21 @@
 //! The control loop makes no allocations, from the first tick to the last.
 
+mod common;
+
 use flyvine::DT;
 use flyvine::control::estimator::EstimatorError;
 use flyvine::control::mpc::{ModelPredictive, MpcOptions};
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{Controller, Proposal, Tick, Tracking, Trajectory};
-use flyvine::flight::{Configuration, Pose};
+use flyvine::flight::Pose;
 use flyvine::link::Observation;
-use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
-use flyvine::model::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics, ScheduledModel};
-use flyvine::task::{Plan, PlanOptions, Task, make_plan};
+use flyvine::model::ScheduledModel;
+use flyvine::task::{Plan, PlanOptions, make_plan};
 use flyvine::trajopt::Dynamics;
 
 fn plan() -> Plan {
-    let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
-    let model = BankModel {
-        configuration: Configuration {
-            length_m: 0.7,
-            pressure_kpa: 0.0,
-        },
-        model: Model::Physical(Box::new(model)),
-        diagnostics: ModelDiagnostics::default(),
-    };
-    let bank = Bank::new(vec![model], BankProvenance::default()).unwrap();
-    let task = concat!(
-        env!("CARGO_MANIFEST_DIR"),
-        "/../../examples/tasks/lemniscate_5s_ES.toml"
-    );
-    let task = Task::read(std::path::Path::new(task)).unwrap();
-    make_plan(&task, &bank, &PlanOptions::default()).unwrap()
+    let task = common::task("lemniscate_5s_ES.toml");
+    make_plan(&task, &common::prior_bank(), &PlanOptions::default()).unwrap()
 }
 
 /// What motion capture sees of the state z.

@@ -117,7 +117,8 @@ pub fn controller<'a>(
         }
         ControlLaw::Replan => {
             let mut replanning = Replanning::new(trajectory, model, plan.problem()?)?
-                .with_command_change(plan.task.command_change);
+                .with_command_change(plan.task.command_change)
+                .with_constraints(plan.constraints()?);
             if let Some(limit) = flying.step_limit {
                 replanning = replanning.with_time_limit(limit);
             }

@@ -6,8 +6,10 @@ use super::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{StepReport, StepStatus};
 use crate::link::Observation;
 use crate::model::ScheduledModel;
-use crate::task::CommandChange;
-use crate::trajopt::{Dynamics, Options, Problem, ProblemError, Solver, Status, WithCommandChange};
+use crate::task::{CommandChange, Constraints};
+use crate::trajopt::{
+    Dynamics, Options, Problem, ProblemError, Solver, StateBound, Status, WithCommandChange,
+};
 use std::time::Duration;
 
 /// Iterations of one replanning: it starts from the last answer.
@@ -37,6 +39,7 @@ pub struct Replanning<'a> {
     problem: Problem,
     estimator: Estimator<'a>,
     change: Option<CommandChange>,
+    constraints: Constraints,
     time_limit: Option<Duration>,
     /// Commands from the knot on at which the next one acts (flat).
     commands: Vec<f64>,
@@ -67,6 +70,7 @@ impl<'a> Replanning<'a> {
             problem,
             estimator,
             change: None,
+            constraints: Constraints::default(),
             time_limit: None,
             commands: (0..steps).flat_map(|knot| trajectory.command(knot)).collect(),
             first: 0,
@@ -79,6 +83,12 @@ impl<'a> Replanning<'a> {
     /// With the cost and the limit of the task on changes of the command.
     pub fn with_command_change(mut self, change: Option<CommandChange>) -> Self {
         self.change = change;
+        self
+    }
+
+    /// With what the task demands of the whole motion.
+    pub(crate) fn with_constraints(mut self, constraints: Constraints) -> Self {
+        self.constraints = constraints;
         self
     }
 
@@ -99,11 +109,7 @@ impl<'a> Replanning<'a> {
             command_guess: self.commands[(knot - self.first) * m..].to_vec(),
             ..self.problem.clone()
         };
-        rest.state_bounds.retain(|bound| bound.last_knot > knot);
-        for bound in &mut rest.state_bounds {
-            bound.first_knot = bound.first_knot.saturating_sub(knot).max(1);
-            bound.last_knot -= knot;
-        }
+        StateBound::keep_from(&mut rest.state_bounds, knot);
         rest.equalities.retain(|equality| equality.knot > knot);
         for equality in &mut rest.equalities {
             equality.knot -= knot;
@@ -128,9 +134,16 @@ impl<'a> Replanning<'a> {
             time_limit: self.time_limit,
             ..Options::default()
         };
-        let joined = WithCommandChange::new(&pushed);
+        let constraints = self.constraints.from_knot(knot);
+        let watched = constraints.watch(&pushed);
+        let (rest, dynamics): (Problem, &dyn Dynamics) = if constraints.is_empty() {
+            (rest, &pushed)
+        } else {
+            (constraints.pose(&watched, &rest), &watched)
+        };
+        let joined = WithCommandChange::new(dynamics);
         let (rest, dynamics): (Problem, &dyn Dynamics) = match self.change {
-            None => (rest, &pushed),
+            None => (rest, dynamics),
             Some(CommandChange { weight, max_m }) => {
                 let largest = max_m.unwrap_or(f64::INFINITY);
                 (joined.pose(&rest, &held_command, weight, largest), &joined)

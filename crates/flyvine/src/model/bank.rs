@@ -8,6 +8,7 @@ use super::noise::NoiseLevels;
 use super::options::FitOptions;
 use super::schedule::ScheduledModel;
 use super::selection::Candidate;
+use super::support::Support;
 use crate::flight::Configuration;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -96,6 +97,7 @@ pub struct Bank {
     provenance: BankProvenance,
     band: Option<PredictionBand>,
     noise: Option<NoiseLevels>,
+    support: Option<Support>,
 }
 
 impl Bank {
@@ -147,6 +149,7 @@ impl Bank {
             provenance,
             band: None,
             noise: None,
+            support: None,
         })
     }
 
@@ -182,6 +185,23 @@ impl Bank {
     /// Noise levels for estimators on the bank's models; `None` if they were not identified.
     pub fn noise(&self) -> Option<&NoiseLevels> {
         self.noise.as_ref()
+    }
+
+    /// The same bank with the region that its flights support.
+    ///
+    /// # Errors
+    /// A limit that is not a number of at least zero.
+    pub fn with_support(mut self, support: Option<Support>) -> Result<Self, ModelError> {
+        if let Some((name, found)) = support.as_ref().and_then(Support::invalid) {
+            return Err(ModelError::Support { name, found });
+        }
+        self.support = support;
+        Ok(self)
+    }
+
+    /// The region that the bank's flights support; `None` if it was not recorded.
+    pub fn support(&self) -> Option<&Support> {
+        self.support.as_ref()
     }
 
     /// The same bank with another policy for configurations outside its range; a file does not keep it.

@@ -4,6 +4,7 @@ use super::band::PredictionBand;
 use super::bank::{Bank, BankModel, BankProvenance, InputFile};
 use super::error::ModelError;
 use super::noise::NoiseLevels;
+use super::support::Support;
 use crate::file::{sha256_hex, write_whole};
 use crate::flight::SIGNALS;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -26,6 +27,8 @@ struct BankFile {
     band: Option<PredictionBand>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     noise: Option<NoiseLevels>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    support: Option<Support>,
 }
 
 /// Units of every number in the file, and the order of the state.
@@ -57,6 +60,7 @@ impl Serialize for Bank {
             models: self.models().to_vec(),
             band: self.band().cloned(),
             noise: self.noise().copied(),
+            support: self.support().copied(),
         };
         file.serialize(serializer)
     }
@@ -95,6 +99,7 @@ impl<'de> Deserialize<'de> for Bank {
         Self::new(file.models, file.provenance)
             .and_then(|bank| bank.with_band(file.band))
             .and_then(|bank| bank.with_noise(file.noise))
+            .and_then(|bank| bank.with_support(file.support))
             .map_err(D::Error::custom)
     }
 }

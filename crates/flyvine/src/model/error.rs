@@ -17,6 +17,14 @@ pub enum ModelError {
         /// Its value.
         found: f64,
     },
+    /// A limit of the supported region that is negative, or not a number.
+    #[error("supported region, {name}: found {found}, expected a number of at least 0")]
+    Support {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        found: f64,
+    },
     /// An array has the wrong length.
     #[error("{what}: found {found} values, expected {expected}")]
     Shape {

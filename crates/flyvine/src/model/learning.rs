@@ -12,6 +12,7 @@ use super::families::Family;
 use super::physical::PhysicalFitOptions;
 use super::physical_bank::refit_physical_bank;
 use super::selection::{HORIZONS, HeldOutError, pool};
+use super::support::Support;
 use super::track::constant_configuration;
 use crate::flight::{Configuration, Flight};
 use serde::Serialize;
@@ -154,7 +155,11 @@ fn refit(bank: &Bank, recordings: &[Flight], flown: &[Flight], weight: f64) -> R
         ..PhysicalFitOptions::default()
     };
     let flights: Vec<Flight> = recordings.iter().chain(flown).cloned().collect();
-    Ok(refit_physical_bank(bank, &flights, &options, &mut |_, _| {})?.0)
+    refit_physical_bank(bank, &flights, &options, &mut |_, _| {})?
+        .0
+        .with_band(bank.band().cloned())?
+        .with_noise(bank.noise().copied())?
+        .with_support(Some(Support::of(&flights)))
 }
 
 fn error(bank: &Bank, flights: &[Flight]) -> Result<Option<HeldOutError>, ModelError> {

@@ -3,14 +3,15 @@
 use super::rollout::quantile;
 use crate::DT;
 use crate::flight::Flight;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Share of the rows that lie within the region.
 const SHARE: f64 = 0.99;
 
 /// What 99 % of the rows of some flights stayed below: a plan that asks for much more is a guess, whatever the
 /// model's error on such flights. Zero where nothing was seen.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Support {
     /// Tilt of the quadrotor, rad.
     pub tilt: f64,
@@ -59,6 +60,19 @@ impl Support {
             tip_speed_m_s,
             command_lead_m,
         }
+    }
+
+    /// The first limit that is no limit: its name and value.
+    pub(super) fn invalid(&self) -> Option<(&'static str, f64)> {
+        [
+            ("tilt", self.tilt),
+            ("speed_m_s", self.speed_m_s),
+            ("arm_angle", self.arm_angle),
+            ("tip_speed_m_s", self.tip_speed_m_s),
+            ("command_lead_m", self.command_lead_m),
+        ]
+        .into_iter()
+        .find(|(_, limit)| !(limit.is_finite() && *limit >= 0.0))
     }
 }
 

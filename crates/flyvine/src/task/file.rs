@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 use super::TaskError;
+use super::constraints::{self, Contact, Obstacle, SupportDemand, Tube};
 use crate::DT;
 use crate::flight::{Configuration, SIGNALS};
 
@@ -39,6 +40,18 @@ pub struct Task {
     /// Bounds on signals of the state, in addition to those that the motion brings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub state_bounds: Vec<SignalBound>,
+    /// What neither quadrotor nor arm may touch.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub obstacles: Vec<Obstacle>,
+    /// Lines that the end effector stays near for a while.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tubes: Vec<Tube>,
+    /// Planes that the end effector stays on for a while.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub contacts: Vec<Contact>,
+    /// What it costs to leave the region that the bank's flights support.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub support: Option<SupportDemand>,
     /// The command reference's α: searched on the model where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command_reference: Option<CommandShaping>,
@@ -453,7 +466,7 @@ impl Task {
                 ));
             }
         }
-        Ok(())
+        constraints::validate(self)
     }
 
     fn validate_swing(&self, swing: &Swing) -> Result<(), TaskError> {

@@ -2,10 +2,11 @@
 //! pose on a bank, and the plan that solves it.
 //!
 //! A task file (TOML) has a name, the arm's configuration, exactly one of the tables `[lemniscate]`,
-//! `[swing]`, `[deploy]` and `[waypoints]`, and optionally weights, bounds and a command reference; what is
+//! `[swing]`, `[deploy]` and `[waypoints]`, and optionally weights, bounds, obstacles and a command reference; what is
 //! left out takes the paper's values (Jitosho et al., Sec. IV).
 
 mod command_reference;
+mod constraints;
 mod file;
 mod lemniscate;
 mod path;
@@ -18,6 +19,8 @@ mod training;
 mod waypoints;
 
 pub use command_reference::CommandReference;
+pub(crate) use constraints::Constraints;
+pub use constraints::{Contact, Obstacle, Shape, SupportDemand, Tube};
 pub use file::{
     Bounds, CommandChange, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint,
     Waypoints, Weights,

@@ -176,6 +176,15 @@ pub enum PlanError {
         /// Inputs of the models.
         found: usize,
     },
+    /// The task shall stay in the region that flights support, which the bank does not know.
+    #[error(
+        "task `{task}`, support: found a bank without the region that its flights support; \
+         fit the flights again with this version, or leave [support] out"
+    )]
+    NoSupport {
+        /// The task.
+        task: String,
+    },
     /// The file cannot be read or written.
     #[error("{path}: {source}")]
     File {

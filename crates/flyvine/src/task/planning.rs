@@ -1,5 +1,6 @@
 //! From a task and a bank, or an ensemble of banks, to a plan.
 
+use super::constraints::Constraints;
 use super::plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
     SCHEMA, Sensitivity, SolveSummary,
@@ -8,8 +9,8 @@ use super::{CommandReference, Motion, Reference, Task, pose_problem};
 use crate::flight::SIGNALS;
 use crate::model::{Bank, ScheduledModel};
 use crate::trajopt::{
-    ConstraintSource, Dynamics, Ensemble, Entry, Problem, ProblemError, Solution, Solver, Status, Violation,
-    WithCommandChange,
+    ConstraintSource, Dynamics, Ensemble, EnsembleError, Problem, ProblemError, Solution, Solver, Status,
+    Violation, WithCommandChange, WithOutputs,
 };
 
 /// Cost per metre of an ensemble's mean distance from a swing's target, where the task names no price.
@@ -21,18 +22,27 @@ const TARGET_PRICE: f64 = 3000.0;
 /// The bank does not cover the task's configurations, or the problem is malformed. A solve that does not
 /// converge is reported in [`Plan::solve`], with the best commands found.
 pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan, PlanError> {
-    let named = || task.name.clone();
+    let malformed = |source| PlanError::Problem {
+        task: task.name.clone(),
+        source,
+    };
     let reference = task.reference();
     let model = OnBank::new(task, &reference, bank)?;
     let command_reference = model.command_reference(task, &reference);
     let problem = model.problem(task, &reference, &command_reference);
-    let malformed = |source| PlanError::Problem {
-        task: named(),
-        source,
+    let constraints = constraints(task, &reference, bank)?;
+
+    let optimized = if constraints.is_empty() {
+        Optimized::new(task, &problem, &model.dynamics, &model.names(), options)
+    } else {
+        let watched = constraints.watch(&model.dynamics);
+        let posed = constraints.pose(&watched, &problem);
+        let names = constraints.names(&watched, &model.names());
+        Optimized::new(task, &posed, &watched, &names, options)
     };
-    let optimized = Optimized::new(task, &problem, &model.dynamics, options).map_err(malformed)?;
+    let optimized = optimized.map_err(malformed)?;
     let mut regulator;
-    let motion = if optimized.entries.is_none() {
+    let motion = if optimized.problem == problem {
         &optimized.solution
     } else {
         regulator = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
@@ -40,7 +50,7 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
             .regulate(&optimized.solution.commands)
             .map_err(malformed)?
     };
-    let solve = optimized.summarize(motion, &reference, options, signal_name);
+    let solve = optimized.summarize(motion, &reference, options);
     Ok(plan(
         task,
         bank,
@@ -54,52 +64,68 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
 
 /// Plans `task` on several banks at once: one command, every bank's own motion.
 ///
-/// Minimized is the mean of the members' costs; every member keeps the state bounds. What the task demands exactly (a
-/// swing's target, exact waypoints) no command can give all members: their mean distance from it costs the task's
-/// target price, or 3000 per metre. States and gains of the plan are those on the first bank.
+/// Minimized is the mean of the members' costs; every member keeps the bounds on states and outputs. What the task
+/// demands exactly (a swing's target, exact waypoints) no command can give all members: their mean distance from it
+/// costs the task's target price, or 3000 per metre. States and gains of the plan are those on the first bank.
 ///
 /// # Errors
 /// As [`make_plan`], and banks whose models differ in size.
 pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) -> Result<Plan, PlanError> {
     let reference = task.reference();
-    let named = || task.name.clone();
     let no_ensemble = |source| PlanError::Ensemble {
-        task: named(),
+        task: task.name.clone(),
         source,
     };
     let malformed = |source: ProblemError| PlanError::Problem {
-        task: named(),
+        task: task.name.clone(),
         source,
     };
+    let first_bank = banks.first().ok_or(EnsembleError::Empty).map_err(no_ensemble)?;
     let models: Vec<OnBank> = banks
         .iter()
         .map(|bank| OnBank::new(task, &reference, bank))
         .collect::<Result<_, _>>()?;
-    let ensemble =
-        Ensemble::new(models.iter().map(|model| &model.dynamics).collect()).map_err(no_ensemble)?;
     let command_reference = models[0].command_reference(task, &reference);
     let problems: Vec<Problem> = models
         .iter()
         .map(|model| model.problem(task, &reference, &command_reference))
         .collect();
+    let constraints = constraints(task, &reference, first_bank)?;
+    let watched: Vec<WithOutputs<&ScheduledModel>> = models
+        .iter()
+        .map(|model| constraints.watch(&model.dynamics))
+        .collect();
+    let posed: Vec<Problem> = watched
+        .iter()
+        .zip(&problems)
+        .map(|(watched, problem)| constraints.pose(watched, problem))
+        .collect();
+    let member_names: Vec<Vec<String>> = watched
+        .iter()
+        .zip(&models)
+        .map(|(watched, model)| constraints.names(watched, &model.names()))
+        .collect();
+    let ensemble = Ensemble::new(watched.iter().collect()).map_err(no_ensemble)?;
     let price = match task.motion() {
         Motion::Swing(swing) => swing.target_price.unwrap_or(TARGET_PRICE),
         _ => TARGET_PRICE,
     };
-    let problem = ensemble.pose(&problems, price).map_err(no_ensemble)?;
-    let optimized = Optimized::new(task, &problem, &ensemble, options).map_err(malformed)?;
+    let problem = ensemble.pose(&posed, price).map_err(no_ensemble)?;
+    let names: Vec<String> = (0..problem.start.len())
+        .map(|index| {
+            let (member, index) = ensemble.locate(index);
+            format!("member {member}: {}", member_names[member][index])
+        })
+        .collect();
+    let optimized = Optimized::new(task, &problem, &ensemble, &names, options).map_err(malformed)?;
 
     let mut first =
         Solver::new(&problems[0], &models[0].dynamics, options.solver.clone()).map_err(malformed)?;
     let regulated = first.regulate(&optimized.solution.commands).map_err(malformed)?;
-    let name = |index: usize| {
-        let (member, index) = ensemble.locate(index);
-        format!("member {member}: {}", signal_name(index))
-    };
-    let solve = optimized.summarize(regulated, &reference, options, name);
+    let solve = optimized.summarize(regulated, &reference, options);
     let mut plan = plan(
         task,
-        &banks[0],
+        first_bank,
         &reference,
         &command_reference,
         regulated,
@@ -109,10 +135,21 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
     plan.ensemble = (0..banks.len())
         .map(|member| {
             let states = ensemble.member_states(member, &optimized.states);
+            let states = watched[member].own_states(&states);
             predict(task, &reference, &problems[member], &states)
         })
         .collect();
     Ok(plan)
+}
+
+/// What `task` demands of the whole motion; the supported region is that of `bank`.
+fn constraints(task: &Task, reference: &Reference, bank: &Bank) -> Result<Constraints, PlanError> {
+    if task.support.is_some() && bank.support().is_none() {
+        return Err(PlanError::NoSupport {
+            task: task.name.clone(),
+        });
+    }
+    Ok(Constraints::new(task, &reference.configurations, bank.support()))
 }
 
 impl Plan {
@@ -125,6 +162,11 @@ impl Plan {
         let model = OnBank::new(&self.task, &reference, &self.bank)?;
         let command_reference = model.command_reference(&self.task, &reference);
         Ok(model.problem(&self.task, &reference, &command_reference))
+    }
+
+    /// What the plan's task demands of the whole motion.
+    pub(crate) fn constraints(&self) -> Result<Constraints, PlanError> {
+        constraints(&self.task, &self.task.reference(), &self.bank)
     }
 }
 
@@ -150,6 +192,18 @@ impl OnBank {
         }
         let start = dynamics.at_knot(0).rest_state(task.configuration);
         Ok(Self { dynamics, start })
+    }
+
+    /// A name for every entry of the model's state.
+    fn names(&self) -> Vec<String> {
+        let signals = self.dynamics.at_knot(0).lags() * SIGNALS.len();
+        (0..self.start.len())
+            .map(|index| match index {
+                _ if index < SIGNALS.len() => SIGNALS[index].to_owned(),
+                _ if index < signals => format!("{} before", SIGNALS[index % SIGNALS.len()]),
+                _ => "hidden state".to_owned(),
+            })
+            .collect()
     }
 
     fn command_reference(&self, task: &Task, reference: &Reference) -> CommandReference {
@@ -202,21 +256,23 @@ fn plan(
     }
 }
 
-/// A task's problem, posed with what changes of the command cost, and solved.
+/// A problem, posed with what changes of the command cost if the task says so, and solved.
 struct Optimized {
     problem: Problem,
     solution: Solution,
-    /// The states of the dynamics themselves (N × n).
+    /// The states without what cost on changes joins (N × n).
     states: Vec<f64>,
-    /// What the entries of the problem's state are; none if they are those of the dynamics.
-    entries: Option<Vec<Entry>>,
+    /// A name for every entry of the problem's state.
+    names: Vec<String>,
 }
 
 impl Optimized {
+    /// `names` are those of the entries of the state of `dynamics`.
     fn new(
         task: &Task,
         problem: &Problem,
         dynamics: &dyn Dynamics,
+        names: &[String],
         options: &PlanOptions,
     ) -> Result<Self, ProblemError> {
         let Some(change) = task.command_change else {
@@ -226,7 +282,7 @@ impl Optimized {
                 problem: problem.clone(),
                 states: solution.states.clone(),
                 solution,
-                entries: None,
+                names: names.to_vec(),
             });
         };
         let joined = WithCommandChange::new(dynamics);
@@ -238,40 +294,22 @@ impl Optimized {
         let solution = solver.solve().clone();
         Ok(Self {
             states: joined.own_states(&solution.states),
-            entries: Some(
-                (0..problem.start.len())
-                    .map(|index| joined.entry(index))
-                    .collect(),
-            ),
+            names: joined.names(names, &AXES.map(|axis| format!("cmd_{axis}"))),
             problem,
             solution,
         })
     }
 
-    /// How the solve ended; `motion` is what the plan shows. `name` names an entry of the dynamics' state.
-    fn summarize(
-        &self,
-        motion: &Solution,
-        reference: &Reference,
-        options: &PlanOptions,
-        name: impl Fn(usize) -> String,
-    ) -> SolveSummary {
+    /// How the solve ended; `motion` is what the plan shows.
+    fn summarize(&self, motion: &Solution, reference: &Reference, options: &PlanOptions) -> SolveSummary {
         let Self {
             problem,
             solution,
-            entries,
+            names,
             ..
         } = self;
-        let name = |index: usize| match entries
-            .as_ref()
-            .map_or(Entry::State(index), |entries| entries[index])
-        {
-            Entry::State(index) => name(index),
-            Entry::Command(axis) => format!("cmd_{}", AXES[axis]),
-            Entry::Change(axis) => format!("change of cmd_{}", AXES[axis]),
-        };
         let constraint = |source: ConstraintSource, index: usize| {
-            let signal = name(index);
+            let signal = &names[index];
             match source {
                 ConstraintSource::Equality(i) => format!("{signal} = {}", problem.equalities[i].value),
                 ConstraintSource::StateBound(i) => {
@@ -336,10 +374,6 @@ impl Optimized {
 }
 
 const AXES: [&str; 3] = ["x", "y", "z"];
-
-fn signal_name(index: usize) -> String {
-    SIGNALS.get(index).copied().unwrap_or("hidden state").to_owned()
-}
 
 /// Mean distance from end effector to reference over flat states (N × n), m.
 fn mean_error_m(reference: &Reference, states: &[f64]) -> f64 {

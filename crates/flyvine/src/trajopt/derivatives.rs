@@ -1,6 +1,6 @@
-//! The check of derivatives that tests of [`Dynamics`] share.
+//! What tests of [`Dynamics`] share: a check of derivatives, and a small model to try things on.
 
-use super::Dynamics;
+use super::{Dynamics, Equality, Problem};
 use crate::kernel;
 
 /// Asserts that the Jacobian of `dynamics` at `point` = (z, u), and its curvature along `adjoint`, agree with central
@@ -24,9 +24,9 @@ pub(crate) fn assert_derivatives(dynamics: &dyn Dynamics, point: &[f64], adjoint
             moved[column] += by;
             evaluate(&moved)
         };
-        let ((plus, jacobian_plus), (minus, jacobian_minus)) = (moved(1e-4), moved(-1e-4));
+        let ((plus, jacobian_plus), (minus, jacobian_minus)) = (moved(1e-5), moved(-1e-5));
         for row in 0..fresh {
-            let difference = (plus[row] - minus[row]) / 2e-4;
+            let difference = (plus[row] - minus[row]) / 2e-5;
             assert!((difference - jacobian[row * (n + m) + column]).abs() < 1e-9);
         }
         for other in 0..n + m {
@@ -35,8 +35,70 @@ pub(crate) fn assert_derivatives(dynamics: &dyn Dynamics, point: &[f64], adjoint
                     .map(|row| adjoint[row] * jacobian[row * (n + m) + other])
                     .sum()
             };
-            let difference = (along(&jacobian_plus) - along(&jacobian_minus)) / 2e-4;
+            let difference = (along(&jacobian_plus) - along(&jacobian_minus)) / 2e-5;
             assert!((difference - curvature[column * stride + other]).abs() < 1e-9);
         }
+    }
+}
+
+/// `x⁺ = 0.5 x_{k−1} + 0.1 x² + u + 0.2 x u` with two lags.
+pub(crate) struct Toy;
+
+impl Dynamics for Toy {
+    fn state_len(&self) -> usize {
+        2
+    }
+
+    fn command_len(&self) -> usize {
+        1
+    }
+
+    fn fresh_len(&self) -> usize {
+        1
+    }
+
+    fn step(&self, _knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64]) {
+        fresh[0] = 0.5 * z[1] + 0.1 * z[0] * z[0] + u[0] + 0.2 * z[0] * u[0];
+    }
+
+    fn jacobian(&self, _knot: usize, z: &[f64], u: &[f64], jacobian: &mut [f64]) {
+        jacobian.copy_from_slice(&[0.2 * z[0] + 0.2 * u[0], 0.5, 1.0 + 0.2 * z[0]]);
+    }
+
+    fn add_curvature(
+        &self,
+        _knot: usize,
+        _z: &[f64],
+        _u: &[f64],
+        adjoint: &[f64],
+        stride: usize,
+        hessian: &mut [f64],
+    ) {
+        hessian[0] += 0.2 * adjoint[0];
+        hessian[2] += 0.2 * adjoint[0];
+        hessian[2 * stride] += 0.2 * adjoint[0];
+    }
+}
+
+/// A [`Problem`] on [`Toy`]: near 0.5, and at 0.9 at one knot.
+pub(crate) fn toy_problem() -> Problem {
+    let knots = 8;
+    Problem {
+        knots,
+        start: vec![0.1, 0.1],
+        state_reference: vec![0.5; 2 * knots],
+        command_reference: vec![0.0; knots - 1],
+        state_weight: vec![1.0, 0.5],
+        command_weight: vec![0.1],
+        command_lower: vec![-2.0],
+        command_upper: vec![2.0],
+        state_bounds: vec![],
+        equalities: vec![Equality {
+            knot: 5,
+            index: 0,
+            value: 0.9,
+            price: f64::INFINITY,
+        }],
+        command_guess: vec![0.0; knots - 1],
     }
 }

@@ -7,7 +7,8 @@
 //! ```
 //!
 //! where a constraint may also be soft: then its violation costs a price. An [`Ensemble`] plans for several models at
-//! once; [`WithCommandChange`] makes changes of the command cost or bounds them.
+//! once; [`WithCommandChange`] makes changes of the command cost or bounds them, [`WithOutputs`] bounds functions of the
+//! motion: distances, speeds.
 //!
 //! Nothing here knows of files, flights, or where a model came from.
 
@@ -19,7 +20,9 @@ mod derivatives;
 mod dynamics;
 mod ensemble;
 mod ilqr;
+mod joined;
 mod options;
+mod outputs;
 mod problem;
 mod report;
 mod solution;
@@ -27,10 +30,11 @@ mod solver;
 mod start;
 
 pub use batch::{BestOfMany, MultiStart, multi_start, solve_batch};
-pub use command_change::{Entry, WithCommandChange};
+pub use command_change::WithCommandChange;
 pub use dynamics::Dynamics;
 pub use ensemble::{Ensemble, EnsembleError};
 pub use options::Options;
+pub use outputs::{Output, WithOutputs};
 pub use problem::{Equality, Problem, ProblemError, StateBound};
 pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status, Violation};
 pub use solver::Solver;

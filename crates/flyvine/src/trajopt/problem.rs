@@ -19,6 +19,17 @@ pub struct StateBound {
     pub price: f64,
 }
 
+impl StateBound {
+    /// Of `bounds`, keeps what is left when `knot` becomes the first; a start that is as it is is not bounded.
+    pub fn keep_from(bounds: &mut Vec<Self>, knot: usize) {
+        bounds.retain(|bound| bound.last_knot > knot);
+        for bound in bounds {
+            bound.first_knot = bound.first_knot.saturating_sub(knot).max(1);
+            bound.last_knot -= knot;
+        }
+    }
+}
+
 /// `z_k[index] = value` at one knot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Equality {

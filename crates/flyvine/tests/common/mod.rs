@@ -1,9 +1,33 @@
-//! Recordings for tests that are not part of the project.
+//! Recordings that are not part of the project, and a bank that needs none.
 
 #![allow(dead_code)] // no test binary uses all of it
 
+use flyvine::flight::Configuration;
 use flyvine::flight::{Flight, HygieneOptions, clean, read_flight};
+use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
+use flyvine::model::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics};
+use flyvine::task::Task;
 use std::path::{Path, PathBuf};
+
+/// A bank of the physical family's priors, for the empty short arm.
+pub fn prior_bank() -> Bank {
+    let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
+    let model = BankModel {
+        configuration: Configuration {
+            length_m: 0.7,
+            pressure_kpa: 0.0,
+        },
+        model: Model::Physical(Box::new(model)),
+        diagnostics: ModelDiagnostics::default(),
+    };
+    Bank::new(vec![model], BankProvenance::default()).unwrap()
+}
+
+/// A shipped task.
+pub fn task(name: &str) -> Task {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/tasks");
+    Task::read(&folder.join(name)).unwrap()
+}
 
 /// The shared data, or `None` (said on stderr) where `folder` in them is absent and not required.
 pub fn shared_data(folder: &str) -> Option<PathBuf> {

@@ -1,0 +1,146 @@
+//! What a task demands of the whole motion holds in the plan, and does not without being asked for.
+
+mod common;
+
+use flyvine::DT;
+use flyvine::model::{Bank, Support};
+use flyvine::task::{Plan, PlanOptions, Task, make_ensemble_plan, make_plan};
+
+/// Least distance of the arm, a straight line in 200 pieces, from the branch of the task, and of the quadrotor.
+fn distances(plan: &Plan) -> (f64, f64) {
+    let (lower, upper) = ([0.3, 0.15, 0.9], [0.4, 1.5, 1.0]);
+    let from_box = |point: [f64; 3]| {
+        let outside = |axis: usize| {
+            (lower[axis] - point[axis])
+                .max(point[axis] - upper[axis])
+                .max(0.0)
+        };
+        (0..3).map(|axis| outside(axis).powi(2)).sum::<f64>().sqrt()
+    };
+    let ends = plan
+        .predicted_quadrotor()
+        .into_iter()
+        .zip(plan.predicted_end_effector());
+    ends.fold((f64::INFINITY, f64::INFINITY), |(arm, quadrotor), (q, e)| {
+        let along = (1..=200).map(|piece| {
+            let share = f64::from(piece) / 200.0;
+            from_box(std::array::from_fn(|axis| q[axis] + share * (e[axis] - q[axis])))
+        });
+        (along.fold(arm, f64::min), quadrotor.min(from_box(q)))
+    })
+}
+
+/// Greatest distance of the tip from the tube's axis, and from the wall, in their times.
+fn from_axis_and_wall(plan: &Plan) -> (f64, f64) {
+    let tip = plan.predicted_end_effector();
+    let knots = |from_s: f64, until_s: f64| (from_s / DT).round() as usize..=(until_s / DT).round() as usize;
+    let greatest = |range: std::ops::RangeInclusive<usize>, distance: &dyn Fn([f64; 3]) -> f64| {
+        range.map(|knot| distance(tip[knot])).fold(0.0, f64::max)
+    };
+    (
+        greatest(knots(4.0, 5.0), &|e| e[1].hypot(e[2] - 0.8)),
+        greatest(knots(5.0, 8.0), &|e| (e[0] - 1.0).abs()),
+    )
+}
+
+fn planned(task: &Task) -> Plan {
+    make_plan(task, &common::prior_bank(), &PlanOptions::default()).unwrap()
+}
+
+#[test]
+fn a_plan_keeps_clear_of_the_branch_and_on_the_wall() {
+    let task = common::task("around_branch.toml");
+    let free = planned(&Task {
+        obstacles: Vec::new(),
+        tubes: Vec::new(),
+        contacts: Vec::new(),
+        ..task.clone()
+    });
+    let plan = planned(&task);
+    for solved in [&free, &plan] {
+        assert!(solved.solve.converged, "{:?}", solved.solve);
+    }
+    let ((arm, quadrotor), (axis, wall)) = (distances(&plan), from_axis_and_wall(&plan));
+    // Between the points that the smooth minimum looks at, the arm may be nearer by a hair.
+    assert!(
+        arm >= 0.2 - 2e-3 && quadrotor >= 0.35 - 1e-6,
+        "arm {arm}, quadrotor {quadrotor}"
+    );
+    assert!(
+        axis <= 0.01 + 1e-6 && wall <= 0.005 + 1e-6,
+        "axis {axis}, wall {wall}"
+    );
+    let ((arm, _), (axis, wall)) = (distances(&free), from_axis_and_wall(&free));
+    assert!(
+        arm < 0.19 && axis > 0.02 && wall > 0.006,
+        "arm {arm}, axis {axis}, wall {wall}"
+    );
+    assert!(plan.solve.cost > free.solve.cost);
+    assert_eq!(
+        plan.states[0].len(),
+        free.states[0].len(),
+        "outputs are no part of the plan's states"
+    );
+}
+
+#[test]
+fn every_member_of_an_ensemble_keeps_clear() {
+    let task = common::task("around_branch.toml");
+    let banks = [common::prior_bank(), common::prior_bank()];
+    let plan = make_ensemble_plan(&task, &banks, &PlanOptions::default()).unwrap();
+    let (arm, _) = distances(&plan);
+    assert!(arm >= 0.2 - 2e-3, "{arm}");
+}
+
+/// Limits that a fast lemniscate passes.
+fn support() -> Support {
+    Support {
+        tilt: 0.15,
+        speed_m_s: 1.2,
+        arm_angle: 0.5,
+        tip_speed_m_s: 2.0,
+        command_lead_m: 1.0,
+    }
+}
+
+/// Σ over knots of the squared share by which the quadrotor's tilt and speed pass their limits.
+fn beyond(plan: &Plan) -> f64 {
+    let limits = support();
+    let over = |value: f64, limit: f64| (value / limit - 1.0).max(0.0).powi(2);
+    let tilts = plan
+        .states
+        .iter()
+        .map(|x| over(x[3].hypot(x[4]), (0.5 * limits.tilt).sin()));
+    let speeds = plan.states.windows(2).map(|pair| {
+        let moved: f64 = (0..3).map(|axis| (pair[1][axis] - pair[0][axis]).powi(2)).sum();
+        over(moved.sqrt() / DT, limits.speed_m_s)
+    });
+    tilts.chain(speeds).sum()
+}
+
+#[test]
+fn a_plan_stays_near_what_flights_have_shown() {
+    let bank: Bank = common::prior_bank().with_support(Some(support())).unwrap();
+    let free = common::task("lemniscate_5s_ES.toml");
+    let kept = Task {
+        support: common::task("swing_ES.toml").support,
+        ..free.clone()
+    };
+    let [free, kept] = [free, kept].map(|task| make_plan(&task, &bank, &PlanOptions::default()).unwrap());
+    for plan in [&free, &kept] {
+        assert!(plan.solve.converged, "{:?}", plan.solve);
+    }
+    let (free, kept) = (beyond(&free), beyond(&kept));
+    assert!(free > 0.1 && kept < 0.3 * free, "{kept} of {free}");
+}
+
+#[test]
+fn a_bank_that_does_not_know_its_region_is_refused() {
+    let error = make_plan(
+        &common::task("swing_ES.toml"),
+        &common::prior_bank(),
+        &PlanOptions::default(),
+    )
+    .unwrap_err();
+    assert!(error.to_string().contains("[support]"), "{error}");
+}
