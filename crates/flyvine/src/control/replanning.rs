@@ -134,7 +134,7 @@ impl<'a> Replanning<'a> {
             time_limit: self.time_limit,
             ..Options::default()
         };
-        let constraints = self.constraints.from_knot(knot);
+        let constraints = self.constraints.rest_from(knot);
         let watched = constraints.watch(&pushed);
         let (rest, dynamics): (Problem, &dyn Dynamics) = if constraints.is_empty() {
             (rest, &pushed)

@@ -114,7 +114,7 @@ impl Constraints {
     }
 
     /// What is left of them from `knot` on.
-    pub fn from_knot(&self, knot: usize) -> Self {
+    pub fn rest_from(&self, knot: usize) -> Self {
         let mut rest = self.clone();
         StateBound::keep_from(&mut rest.bounds, knot);
         rest
