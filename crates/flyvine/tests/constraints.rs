@@ -144,3 +144,33 @@ fn a_bank_that_does_not_know_its_region_is_refused() {
     .unwrap_err();
     assert!(error.to_string().contains("[support]"), "{error}");
 }
+
+#[test]
+fn a_plan_grows_the_arm_as_far_as_it_must() {
+    let task = common::task("reach_down.toml");
+    let bank = common::prior_bank_of(&[0.7, 1.0]);
+    let plan = make_plan(&task, &bank, &PlanOptions::default()).unwrap();
+    assert!(plan.solve.converged, "{:?}", plan.solve);
+    let lengths: Vec<f64> = plan.configurations.iter().map(|at| at.length_m).collect();
+    let fastest = lengths
+        .windows(2)
+        .map(|pair| (pair[1] - pair[0]).abs() / DT)
+        .fold(0.0, f64::max);
+    assert!(fastest <= 0.02 + 1e-9, "{fastest} m/s");
+    assert_eq!(lengths[0], 0.7);
+    // The motion is that of the bank along these lengths: the tip is where it shall be, the quadrotor high enough.
+    let knot = (13.0 / DT).round() as usize;
+    let (tip, length) = (plan.predicted_end_effector()[knot], lengths[knot]);
+    let miss = (tip[0] - 0.8).hypot(tip[1] - 0.2).hypot(tip[2] - 0.45);
+    assert!(miss < 1e-6, "{miss}");
+    let lowest = plan
+        .predicted_quadrotor()
+        .iter()
+        .map(|q| q[2])
+        .fold(f64::INFINITY, f64::min);
+    assert!(lowest >= 1.35 - 1e-6, "{lowest}");
+    assert!((0.85..0.93).contains(&length), "{length}");
+
+    let ensemble = make_ensemble_plan(&task, &[bank.clone(), bank], &PlanOptions::default());
+    assert!(ensemble.unwrap_err().to_string().contains("growth"));
+}

@@ -109,6 +109,7 @@ fn parse(text: &str) -> Result<MpcSequence, BenchmarkError> {
             command_lower: vector("umin", m)?,
             command_upper: vector("umax", m)?,
             command_change: None,
+            command_deviation: f64::INFINITY,
             states: Vec::new(),
             penalty: 1.0,
         },

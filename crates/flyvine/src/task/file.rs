@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::TaskError;
 use super::constraints::{self, Contact, Obstacle, SupportDemand, Tube};
+use super::growth::Growth;
 use crate::DT;
 use crate::flight::{Configuration, SIGNALS};
 
@@ -52,6 +53,9 @@ pub struct Task {
     /// What it costs to leave the region that the bank's flights support.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub support: Option<SupportDemand>,
+    /// Length and pressure are the plan's choice.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub growth: Option<Growth>,
     /// The command reference's α: searched on the model where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command_reference: Option<CommandShaping>,
@@ -465,6 +469,9 @@ impl Task {
                     "at most 100",
                 ));
             }
+        }
+        if let Some(growth) = &self.growth {
+            growth.validate(self)?;
         }
         constraints::validate(self)
     }

@@ -8,12 +8,14 @@
 mod command_reference;
 mod constraints;
 mod file;
+mod growth;
 mod lemniscate;
 mod path;
 mod plan;
 mod planning;
 mod problem;
 mod reference;
+mod solve;
 mod swing;
 mod training;
 mod waypoints;
@@ -25,6 +27,7 @@ pub use file::{
     Bounds, CommandChange, CommandShaping, Deploy, Lemniscate, Motion, SignalBound, Swing, Task, Waypoint,
     Waypoints, Weights,
 };
+pub use growth::Growth;
 pub use plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
     Sensitivity, SolveSummary, read_plan, write_plan, write_plan_csv,

@@ -1,16 +1,17 @@
 //! From a task and a bank, or an ensemble of banks, to a plan.
 
 use super::constraints::Constraints;
+use super::growth;
 use super::plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
-    SCHEMA, Sensitivity, SolveSummary,
+    SCHEMA, SolveSummary,
 };
-use super::{CommandReference, Motion, Reference, Task, pose_problem};
-use crate::flight::SIGNALS;
+use super::solve::{Names, Optimized};
+use super::{CommandReference, Motion, Reference, Task, TaskError, pose_problem};
+use crate::flight::{Configuration, SIGNALS};
 use crate::model::{Bank, ScheduledModel};
 use crate::trajopt::{
-    ConstraintSource, Dynamics, Ensemble, EnsembleError, Problem, ProblemError, Solution, Solver, Status,
-    Violation, WithCommandChange, WithOutputs,
+    Dynamics, Ensemble, EnsembleError, Problem, ProblemError, Solution, Solver, WithOutputs,
 };
 
 /// Cost per metre of an ensemble's mean distance from a swing's target, where the task names no price.
@@ -30,26 +31,55 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
     let model = OnBank::new(task, &reference, bank)?;
     let command_reference = model.command_reference(task, &reference);
     let problem = model.problem(task, &reference, &command_reference);
-    let constraints = constraints(task, &reference, bank)?;
+    let constraints = constraints(task, &reference.configurations, bank)?;
+    let names = Names::positions(model.names());
+    let Some(growth) = &task.growth else {
+        let optimized = Optimized::new(task, &problem, &model.dynamics, &names, &constraints, options);
+        let optimized = optimized.map_err(malformed)?;
+        let mut regulator;
+        let motion = if optimized.problem == problem {
+            &optimized.solution
+        } else {
+            regulator = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
+            regulator
+                .regulate(&optimized.solution.commands)
+                .map_err(malformed)?
+        };
+        let solve = optimized.summarize(motion, &reference, options);
+        return Ok(plan(
+            task,
+            bank,
+            &reference,
+            &command_reference,
+            motion,
+            solve,
+            options,
+        ));
+    };
 
-    let optimized = if constraints.is_empty() {
-        Optimized::new(task, &problem, &model.dynamics, &model.names(), options)
-    } else {
-        let watched = constraints.watch(&model.dynamics);
-        let posed = constraints.pose(&watched, &problem);
-        let names = constraints.names(&watched, &model.names());
-        Optimized::new(task, &posed, &watched, &names, options)
+    let (growing, posed) = growth.pose(task, bank, &problem);
+    let [length, pressure] = growth::PARAMETERS.map(str::to_owned);
+    let rates = [&length, &pressure].map(|parameter| format!("change of {parameter}"));
+    let names = Names {
+        state: growing.names(&names.state, &[length, pressure]),
+        command: [names.command, rates.to_vec()].concat(),
     };
-    let optimized = optimized.map_err(malformed)?;
-    let mut regulator;
-    let motion = if optimized.problem == problem {
-        &optimized.solution
-    } else {
-        regulator = Solver::new(&problem, &model.dynamics, options.solver.clone()).map_err(malformed)?;
-        regulator
-            .regulate(&optimized.solution.commands)
-            .map_err(malformed)?
+    let optimized =
+        Optimized::new(task, &posed, &growing, &names, &constraints, options).map_err(malformed)?;
+    // What is flown is the motion of the bank along the configurations that were chosen.
+    let reference = Reference {
+        configurations: growth.configurations(bank, &growing, &optimized.states),
+        ..reference
     };
+    let along = OnBank::new(task, &reference, bank)?;
+    let commands: Vec<f64> = optimized
+        .solution
+        .commands
+        .chunks_exact(posed.command_len())
+        .flat_map(|command| command[..problem.command_len()].to_vec())
+        .collect();
+    let mut regulator = Solver::new(&problem, &along.dynamics, options.solver.clone()).map_err(malformed)?;
+    let motion = regulator.regulate(&commands).map_err(malformed)?;
     let solve = optimized.summarize(motion, &reference, options);
     Ok(plan(
         task,
@@ -90,7 +120,11 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
         .iter()
         .map(|model| model.problem(task, &reference, &command_reference))
         .collect();
-    let constraints = constraints(task, &reference, first_bank)?;
+    if task.growth.is_some() {
+        let expected = "one bank: for an ensemble, give the configurations ([deploy])";
+        return Err(TaskError::value(&task.name, "growth", "an ensemble of banks", expected).into());
+    }
+    let constraints = constraints(task, &reference.configurations, first_bank)?;
     let watched: Vec<WithOutputs<&ScheduledModel>> = models
         .iter()
         .map(|model| constraints.watch(&model.dynamics))
@@ -117,7 +151,8 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
             format!("member {member}: {}", member_names[member][index])
         })
         .collect();
-    let optimized = Optimized::new(task, &problem, &ensemble, &names, options).map_err(malformed)?;
+    let names = Names::positions(names);
+    let optimized = Optimized::with_change(task, &problem, &ensemble, &names, options).map_err(malformed)?;
 
     let mut first =
         Solver::new(&problems[0], &models[0].dynamics, options.solver.clone()).map_err(malformed)?;
@@ -143,13 +178,13 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
 }
 
 /// What `task` demands of the whole motion; the supported region is that of `bank`.
-fn constraints(task: &Task, reference: &Reference, bank: &Bank) -> Result<Constraints, PlanError> {
+fn constraints(task: &Task, configurations: &[Configuration], bank: &Bank) -> Result<Constraints, PlanError> {
     if task.support.is_some() && bank.support().is_none() {
         return Err(PlanError::NoSupport {
             task: task.name.clone(),
         });
     }
-    Ok(Constraints::new(task, &reference.configurations, bank.support()))
+    Ok(Constraints::new(task, configurations, bank.support()))
 }
 
 impl Plan {
@@ -158,7 +193,10 @@ impl Plan {
     /// # Errors
     /// The bank does not cover the plan's configurations.
     pub fn problem(&self) -> Result<Problem, PlanError> {
-        let reference = self.task.reference();
+        let reference = Reference {
+            configurations: self.configurations.clone(),
+            ..self.task.reference()
+        };
         let model = OnBank::new(&self.task, &reference, &self.bank)?;
         let command_reference = model.command_reference(&self.task, &reference);
         Ok(model.problem(&self.task, &reference, &command_reference))
@@ -166,7 +204,7 @@ impl Plan {
 
     /// What the plan's task demands of the whole motion.
     pub(crate) fn constraints(&self) -> Result<Constraints, PlanError> {
-        constraints(&self.task, &self.task.reference(), &self.bank)
+        constraints(&self.task, &self.configurations, &self.bank)
     }
 }
 
@@ -256,127 +294,8 @@ fn plan(
     }
 }
 
-/// A problem, posed with what changes of the command cost if the task says so, and solved.
-struct Optimized {
-    problem: Problem,
-    solution: Solution,
-    /// The states without what cost on changes joins (N × n).
-    states: Vec<f64>,
-    /// A name for every entry of the problem's state.
-    names: Vec<String>,
-}
-
-impl Optimized {
-    /// `names` are those of the entries of the state of `dynamics`.
-    fn new(
-        task: &Task,
-        problem: &Problem,
-        dynamics: &dyn Dynamics,
-        names: &[String],
-        options: &PlanOptions,
-    ) -> Result<Self, ProblemError> {
-        let Some(change) = task.command_change else {
-            let mut solver = Solver::new(problem, dynamics, options.solver.clone())?;
-            let solution = solver.solve().clone();
-            return Ok(Self {
-                problem: problem.clone(),
-                states: solution.states.clone(),
-                solution,
-                names: names.to_vec(),
-            });
-        };
-        let joined = WithCommandChange::new(dynamics);
-        // At rest the command is where the quadrotor is.
-        let before = &problem.start[..problem.command_len()];
-        let largest = change.max_m.unwrap_or(f64::INFINITY);
-        let problem = joined.pose(problem, before, change.weight, largest);
-        let mut solver = Solver::new(&problem, &joined, options.solver.clone())?;
-        let solution = solver.solve().clone();
-        Ok(Self {
-            states: joined.own_states(&solution.states),
-            names: joined.names(names, &AXES.map(|axis| format!("cmd_{axis}"))),
-            problem,
-            solution,
-        })
-    }
-
-    /// How the solve ended; `motion` is what the plan shows.
-    fn summarize(&self, motion: &Solution, reference: &Reference, options: &PlanOptions) -> SolveSummary {
-        let Self {
-            problem,
-            solution,
-            names,
-            ..
-        } = self;
-        let constraint = |source: ConstraintSource, index: usize| {
-            let signal = &names[index];
-            match source {
-                ConstraintSource::Equality(i) => format!("{signal} = {}", problem.equalities[i].value),
-                ConstraintSource::StateBound(i) => {
-                    let bound = &problem.state_bounds[i];
-                    format!("{signal} in [{}, {}]", bound.lower, bound.upper)
-                }
-            }
-        };
-        let words = |violation: &Violation| {
-            let Violation {
-                source,
-                index,
-                first_knot,
-                last_knot,
-                worst_knot,
-                violation,
-            } = *violation;
-            let knots = if first_knot == last_knot {
-                format!("knot {worst_knot}")
-            } else {
-                format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
-            };
-            let constraint = constraint(source, index);
-            format!("{constraint} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
-        };
-        let on_states = solution.multipliers.iter().map(|active| Sensitivity {
-            constraint: constraint(active.source, active.index),
-            knot: active.knot,
-            multiplier: active.multiplier,
-        });
-        let command_len = problem.command_len();
-        let on_commands = solution
-            .command_multipliers
-            .iter()
-            .enumerate()
-            .map(|(i, &multiplier)| {
-                let (axis, side) = (
-                    AXES[i % command_len],
-                    if multiplier > 0.0 { "upper" } else { "lower" },
-                );
-                Sensitivity {
-                    constraint: format!("cmd_{axis} at its {side} bound"),
-                    knot: i / command_len,
-                    multiplier,
-                }
-            });
-        let active = |sensitivity: &Sensitivity| sensitivity.multiplier != 0.0;
-        let sensitivities = on_states.chain(on_commands).filter(active).collect();
-        let violated = solution.diagnosis(options.solver.violation_tolerance);
-        SolveSummary {
-            status: solution.status.name().to_owned(),
-            converged: solution.status == Status::Converged,
-            cost: solution.cost,
-            max_violation: solution.max_violation,
-            stationarity: solution.stationarity,
-            iterations: solution.iterations,
-            violated: violated.iter().map(words).collect(),
-            predicted_error_m: mean_error_m(reference, &motion.states),
-            sensitivities,
-        }
-    }
-}
-
-const AXES: [&str; 3] = ["x", "y", "z"];
-
 /// Mean distance from end effector to reference over flat states (N × n), m.
-fn mean_error_m(reference: &Reference, states: &[f64]) -> f64 {
+pub(super) fn mean_error_m(reference: &Reference, states: &[f64]) -> f64 {
     let knots = reference.end_effector.len();
     let distances = states
         .chunks_exact(states.len() / knots)

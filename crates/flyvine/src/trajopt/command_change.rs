@@ -112,7 +112,7 @@ impl<D: Dynamics> Dynamics for WithCommandChange<D> {
         self.dynamics
             .linearize(knot, &self.joined.gather(state), command, next, &mut own);
         jacobian.fill(0.0);
-        self.joined.spread_jacobian(&own, jacobian);
+        self.joined.spread_jacobian(&own, n + m, jacobian);
         for axis in 0..m {
             let (command, change) = (self.joined.fresh + axis, self.joined.fresh + m + axis);
             jacobian[command * (n + m) + n + axis] = 1.0;

@@ -110,9 +110,8 @@ impl Joined {
         joined
     }
 
-    /// Spreads the model's Jacobian (fresh × (n + m)) over the first rows of the joined one.
-    pub fn spread_jacobian(self, own: &[f64], joined: &mut [f64]) {
-        let width = self.state_len() + self.command;
+    /// Spreads the model's Jacobian (fresh × (n + m)) over the first rows, of length `width`, of the joined one.
+    pub fn spread_jacobian(self, own: &[f64], width: usize, joined: &mut [f64]) {
         let rows = joined.chunks_exact_mut(width);
         for (row, own) in rows.zip(own.chunks_exact(self.state + self.command)) {
             for (i, &entry) in own.iter().enumerate() {

@@ -8,7 +8,7 @@
 //!
 //! where a constraint may also be soft: then its violation costs a price. An [`Ensemble`] plans for several models at
 //! once; [`WithCommandChange`] makes changes of the command cost or bounds them, [`WithOutputs`] bounds functions of the
-//! motion: distances, speeds.
+//! motion: distances, speeds, [`WithParameters`] chooses parameters of the dynamics, too.
 //!
 //! Nothing here knows of files, flights, or where a model came from.
 
@@ -23,6 +23,7 @@ mod ilqr;
 mod joined;
 mod options;
 mod outputs;
+mod parameters;
 mod problem;
 mod report;
 mod solution;
@@ -35,6 +36,7 @@ pub use dynamics::Dynamics;
 pub use ensemble::{Ensemble, EnsembleError};
 pub use options::Options;
 pub use outputs::{Output, WithOutputs};
+pub use parameters::{Parametric, Steered, WithParameters};
 pub use problem::{Equality, Problem, ProblemError, StateBound};
 pub use solution::{ConstraintMultiplier, ConstraintSource, Solution, Status, Violation};
 pub use solver::Solver;

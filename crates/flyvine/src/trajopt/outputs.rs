@@ -131,7 +131,7 @@ impl<D: Dynamics> Dynamics for WithOutputs<'_, D> {
         self.dynamics
             .linearize(knot, &own, command, next, &mut own_jacobian);
         jacobian.fill(0.0);
-        self.joined.spread_jacobian(&own_jacobian, jacobian);
+        self.joined.spread_jacobian(&own_jacobian, width, jacobian);
 
         let w = self.arguments(next, &own, command);
         let by_variable = self.argument_jacobian(&own_jacobian);

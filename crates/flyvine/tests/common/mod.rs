@@ -1,6 +1,6 @@
 //! Recordings that are not part of the project, and a bank that needs none.
 
-#![allow(dead_code)] // no test binary uses all of it
+#![allow(dead_code, clippy::print_stderr)] // no test binary uses all of it; why a test was skipped
 
 use flyvine::flight::Configuration;
 use flyvine::flight::{Flight, HygieneOptions, clean, read_flight};
@@ -11,16 +11,23 @@ use std::path::{Path, PathBuf};
 
 /// A bank of the physical family's priors, for the empty short arm.
 pub fn prior_bank() -> Bank {
-    let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(0.7)).unwrap();
-    let model = BankModel {
-        configuration: Configuration {
-            length_m: 0.7,
-            pressure_kpa: 0.0,
-        },
-        model: Model::Physical(Box::new(model)),
-        diagnostics: ModelDiagnostics::default(),
+    prior_bank_of(&[0.7])
+}
+
+/// The same for arms of these lengths, m.
+pub fn prior_bank_of(lengths_m: &[f64]) -> Bank {
+    let model = |&length_m: &f64| {
+        let model = PhysicalModel::new(Parameters::defaults(), ArmLength::constant(length_m)).unwrap();
+        BankModel {
+            configuration: Configuration {
+                length_m,
+                pressure_kpa: 0.0,
+            },
+            model: Model::Physical(Box::new(model)),
+            diagnostics: ModelDiagnostics::default(),
+        }
     };
-    Bank::new(vec![model], BankProvenance::default()).unwrap()
+    Bank::new(lengths_m.iter().map(model).collect(), BankProvenance::default()).unwrap()
 }
 
 /// A shipped task.

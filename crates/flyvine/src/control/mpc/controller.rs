@@ -32,6 +32,9 @@ pub struct MpcOptions {
     pub command_change: f64,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
+    /// Greatest distance of the command from the plan's, along each axis, m. What a wrong estimate can ask for stays
+    /// within it.
+    pub command_deviation_max_m: f64,
     /// How far inside the room's walls the soft bounds are, m.
     pub room_margin_m: f64,
     /// Cost of leaving them, per m².
@@ -49,6 +52,7 @@ impl Default for MpcOptions {
             command: None,
             command_change: 10.0,
             command_change_max_m: 0.5,
+            command_deviation_max_m: 0.5,
             room_margin_m: 0.1,
             room_penalty: 1e4,
             noise: None,
@@ -91,6 +95,7 @@ impl MpcOptions {
             ("stages", self.stages as f64),
             ("command", self.command.unwrap_or(1.0)),
             ("command_change_max_m", self.command_change_max_m),
+            ("command_deviation_max_m", self.command_deviation_max_m),
             ("room_penalty", self.room_penalty),
         ];
         let not_negative = [
@@ -308,6 +313,7 @@ fn limits(trajectory: &Trajectory, room: &Room, options: &MpcOptions) -> Horizon
     HorizonLimits {
         command_lower: (0..3).map(|axis| lower[axis].max(walls[axis][0])).collect(),
         command_upper: (0..3).map(|axis| upper[axis].min(walls[axis][1])).collect(),
+        command_deviation: options.command_deviation_max_m,
         command_change: Some(vec![options.command_change_max_m; 3]),
         states,
         penalty: options.room_penalty,

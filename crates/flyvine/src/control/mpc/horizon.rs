@@ -24,12 +24,27 @@ pub struct HorizonLimits {
     pub command_lower: Vec<f64>,
     /// Upper command bound (m).
     pub command_upper: Vec<f64>,
+    /// Greatest distance of a command from its reference (m); infinite for none. It bounds what a wrong estimate can ask
+    /// for.
+    pub command_deviation: f64,
     /// Largest change from one command to the next (m), if limited.
     pub command_change: Option<Vec<f64>>,
     /// Soft bounds on states.
     pub states: Vec<SoftBound>,
     /// Cost of a violated soft bound per its square.
     pub penalty: f64,
+}
+
+impl HorizonLimits {
+    /// Bounds on a command along an axis with this reference; a reference outside the bounds does not empty them.
+    fn command_range(&self, axis: usize, reference: f64) -> [f64; 2] {
+        let (lower, upper) = (self.command_lower[axis], self.command_upper[axis]);
+        let reference = reference.max(lower).min(upper);
+        [
+            lower.max(reference - self.command_deviation),
+            upper.min(reference + self.command_deviation),
+        ]
+    }
 }
 
 /// The part of the plan that a horizon of N stages from one knot on sees. Arrays are flat and stage-major.
@@ -143,7 +158,7 @@ impl Horizon {
         self.shift(window);
         self.roll_out(window, start);
         self.differentiate(window, start);
-        self.write_bounds(start);
+        self.write_bounds(window, start);
         let condensed = window.condensed;
         let program = QuadraticProgram {
             hessian: &condensed.hessian,
@@ -162,7 +177,7 @@ impl Horizon {
         for (command, change) in self.commands.iter_mut().zip(self.active_set.solution()) {
             *command += change;
         }
-        self.keep_limits(start);
+        self.keep_limits(window, start);
         report
     }
 
@@ -297,11 +312,9 @@ impl Horizon {
     }
 
     /// Bounds on v, on its changes, and on what it does to bounded states.
-    fn write_bounds(&mut self, start: &Start<'_>) {
+    fn write_bounds(&mut self, window: &Window<'_>, start: &Start<'_>) {
         let (n, m) = (self.stage.state, self.stage.command);
         let HorizonLimits {
-            command_lower,
-            command_upper,
             command_change,
             states,
             ..
@@ -309,8 +322,9 @@ impl Horizon {
         self.lower.clear();
         self.upper.clear();
         for (i, command) in self.commands.iter().enumerate() {
-            self.lower.push(command_lower[i % m] - command);
-            self.upper.push(command_upper[i % m] - command);
+            let [lower, upper] = self.limits.command_range(i % m, window.command_reference[i]);
+            self.lower.push(lower - command);
+            self.upper.push(upper - command);
         }
         if let Some(limit) = command_change {
             for i in 0..self.commands.len() {
@@ -338,7 +352,7 @@ impl Horizon {
     }
 
     /// Rounding, or a spent budget, must not leave a command outside its hard limits.
-    fn keep_limits(&mut self, start: &Start<'_>) {
+    fn keep_limits(&mut self, window: &Window<'_>, start: &Start<'_>) {
         let m = self.stage.command;
         for i in 0..self.commands.len() {
             let mut command = self.commands[i];
@@ -349,9 +363,8 @@ impl Horizon {
                 };
                 command = command.max(before - limit[i % m]).min(before + limit[i % m]);
             }
-            self.commands[i] = command
-                .max(self.limits.command_lower[i % m])
-                .min(self.limits.command_upper[i % m]);
+            let [lower, upper] = self.limits.command_range(i % m, window.command_reference[i]);
+            self.commands[i] = command.max(lower).min(upper);
         }
     }
 }

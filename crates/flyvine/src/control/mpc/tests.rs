@@ -122,6 +122,7 @@ impl Case {
             command_lower: vec![-bound; 3],
             command_upper: vec![bound; 3],
             command_change: None,
+            command_deviation: f64::INFINITY,
             states: Vec::new(),
             penalty: 1.0,
         }
@@ -275,8 +276,15 @@ fn hard_limits_hold_whatever_the_budget() {
         ..case.limits(0.4)
     };
     let zeros = vec![0.0; STAGES * case.stage.state];
-    for changes in [0, 1, 3, usize::MAX] {
-        let mut horizon = Horizon::new(case.stage, STAGES, case.weights.clone(), limits.clone());
+    let cases = [f64::INFINITY, 0.32]
+        .into_iter()
+        .flat_map(|deviation| [0, 1, 3, usize::MAX].map(|changes| (deviation, changes)));
+    for (deviation, changes) in cases {
+        let limits = HorizonLimits {
+            command_deviation: deviation,
+            ..limits.clone()
+        };
+        let mut horizon = Horizon::new(case.stage, STAGES, case.weights.clone(), limits);
         let window = Window {
             dynamics: &case.model,
             knot: 0,
@@ -310,7 +318,7 @@ fn hard_limits_hold_whatever_the_budget() {
                 let before = i
                     .checked_sub(3)
                     .map_or(held[i % 3], |before| horizon.commands()[before]);
-                assert!(command.abs() <= 0.4 && (command - before).abs() <= 0.07 + 1e-12);
+                assert!(command.abs() <= deviation.min(0.4) && (command - before).abs() <= 0.07 + 1e-12);
             }
         }
     }

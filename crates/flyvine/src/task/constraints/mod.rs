@@ -24,9 +24,8 @@ use std::sync::Arc;
 const NOW: usize = 0;
 const BEFORE: usize = SIGNALS.len();
 const COMMAND: usize = 2 * SIGNALS.len();
-const ARGUMENTS: usize = COMMAND + 3;
 /// Where quadrotor, attitude and end effector begin in x.
-const QUADROTOR: usize = 0;
+pub(super) const QUADROTOR: usize = 0;
 const ATTITUDE: usize = 3;
 const END_EFFECTOR: usize = 6;
 
