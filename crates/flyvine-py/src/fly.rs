@@ -105,7 +105,7 @@ impl Controller for PythonController {
 
 /// What is flown, and on what.
 enum Law {
-    Known(Flying),
+    Known(Box<Flying>),
     Own(PythonController),
 }
 
@@ -133,7 +133,9 @@ fn fly_python(
     step_limit_ms: Option<f64>,
     reference: Option<Matrix<'_>>,
 ) -> PyResult<PyOutcome> {
-    let named = |name: &str| flying(name, mpc, step_limit_ms, reference.as_ref()).map(Law::Known);
+    let named = |name: &str| {
+        flying(name, mpc, step_limit_ms, reference.as_ref()).map(|flying| Law::Known(Box::new(flying)))
+    };
     let mut law = match controller {
         None => named("open-loop")?,
         Some(controller) => match controller.cast::<PyString>() {

@@ -109,7 +109,6 @@ fn parse(text: &str) -> Result<MpcSequence, BenchmarkError> {
             command_lower: vector("umin", m)?,
             command_upper: vector("umax", m)?,
             command_change: None,
-            command_deviation: f64::INFINITY,
             states: Vec::new(),
             penalty: 1.0,
         },
@@ -172,6 +171,7 @@ pub fn mpc_report(sequence: &MpcSequence, cpu_ms: &dyn Fn() -> f64) -> Result<Mp
             gust: &no_disturbance,
             decay: 0.0,
             delay: 0.0,
+            command_deviation: f64::INFINITY,
         };
         let started = cpu_ms();
         let solved = horizon.solve(&window, &start, Budget::NONE);

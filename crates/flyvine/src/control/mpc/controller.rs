@@ -2,7 +2,7 @@
 
 use super::active_set::{Budget, QpReport};
 use super::condensed::{CondensedError, TrackingWeights};
-use super::horizon::{Horizon, HorizonLimits, SoftBound, Start};
+use super::horizon::{Horizon, HorizonLimits, SoftBound, Start, Window};
 use super::plan::LinearizedPlan;
 use crate::control::estimator::{Estimator, EstimatorError};
 use crate::control::supervisor::Room;
@@ -32,9 +32,11 @@ pub struct MpcOptions {
     pub command_change: f64,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
-    /// Greatest distance of the command from the plan's, along each axis, m. What a wrong estimate can ask for stays
-    /// within it.
+    /// Greatest distance of the command from the plan's, along each axis, m.
     pub command_deviation_max_m: f64,
+    /// Error of the end effector up to which the command may be that far from the plan's, m. Beyond it less and less is
+    /// allowed, at twice it nothing: a model that is so wrong must not fly the vehicle, and the plan alone is stable.
+    pub trusted_error_m: f64,
     /// How far inside the room's walls the soft bounds are, m.
     pub room_margin_m: f64,
     /// Cost of leaving them, per m².
@@ -53,6 +55,7 @@ impl Default for MpcOptions {
             command_change: 10.0,
             command_change_max_m: 0.5,
             command_deviation_max_m: 0.5,
+            trusted_error_m: 0.35,
             room_margin_m: 0.1,
             room_penalty: 1e4,
             noise: None,
@@ -96,6 +99,7 @@ impl MpcOptions {
             ("command", self.command.unwrap_or(1.0)),
             ("command_change_max_m", self.command_change_max_m),
             ("command_deviation_max_m", self.command_deviation_max_m),
+            ("trusted_error_m", self.trusted_error_m),
             ("room_penalty", self.room_penalty),
         ];
         let not_negative = [
@@ -150,6 +154,9 @@ pub struct ModelPredictive<'a> {
     plan: LinearizedPlan<'a>,
     estimator: Estimator<'a>,
     horizon: Horizon,
+    /// See [`MpcOptions`].
+    command_deviation_max_m: f64,
+    trusted_error_m: f64,
     /// Time for one step's quadratic program, if it is limited.
     time_limit: Option<Duration>,
     /// Budgets of steps that were cut short in the recorded flight that is to be repeated.
@@ -201,6 +208,8 @@ impl<'a> ModelPredictive<'a> {
             horizon: Horizon::new(plan.stage(), options.stages, weights, limits),
             plan,
             estimator,
+            command_deviation_max_m: options.command_deviation_max_m,
+            trusted_error_m: options.trusted_error_m,
             time_limit: None,
             recorded_changes: BTreeMap::new(),
             state: trajectory.state(0).to_vec(),
@@ -228,6 +237,19 @@ impl<'a> ModelPredictive<'a> {
     /// The estimator.
     pub fn estimator(&self) -> &Estimator<'a> {
         &self.estimator
+    }
+
+    /// How far commands may be from the plan's, given where the end effector is and where it should be a knot later.
+    fn trusted_deviation(&self, window: &Window<'_>) -> f64 {
+        let error = |axis: usize| self.state[axis] - window.state_reference[axis];
+        let error_m = (6..9).map(|axis| error(axis).powi(2)).sum::<f64>().sqrt();
+        let share = 2.0 - error_m / self.trusted_error_m;
+        // NaN is trusted with nothing.
+        if share > 0.0 {
+            self.command_deviation_max_m * share.min(1.0)
+        } else {
+            0.0
+        }
     }
 
     fn budget(&self, knot: usize) -> Budget {
@@ -266,6 +288,7 @@ impl Controller for ModelPredictive<'_> {
                 gust: &self.gust,
                 decay: self.estimator.gust_decay(),
                 delay: lateness.fraction,
+                command_deviation: self.trusted_deviation(&window),
             };
             solved = self.horizon.solve(&window, &start, budget);
             command.copy_from_slice(&self.horizon.commands()[..3]);
@@ -313,7 +336,6 @@ fn limits(trajectory: &Trajectory, room: &Room, options: &MpcOptions) -> Horizon
     HorizonLimits {
         command_lower: (0..3).map(|axis| lower[axis].max(walls[axis][0])).collect(),
         command_upper: (0..3).map(|axis| upper[axis].min(walls[axis][1])).collect(),
-        command_deviation: options.command_deviation_max_m,
         command_change: Some(vec![options.command_change_max_m; 3]),
         states,
         penalty: options.room_penalty,

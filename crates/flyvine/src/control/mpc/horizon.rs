@@ -24,9 +24,6 @@ pub struct HorizonLimits {
     pub command_lower: Vec<f64>,
     /// Upper command bound (m).
     pub command_upper: Vec<f64>,
-    /// Greatest distance of a command from its reference (m); infinite for none. It bounds what a wrong estimate can ask
-    /// for.
-    pub command_deviation: f64,
     /// Largest change from one command to the next (m), if limited.
     pub command_change: Option<Vec<f64>>,
     /// Soft bounds on states.
@@ -36,14 +33,12 @@ pub struct HorizonLimits {
 }
 
 impl HorizonLimits {
-    /// Bounds on a command along an axis with this reference; a reference outside the bounds does not empty them.
-    fn command_range(&self, axis: usize, reference: f64) -> [f64; 2] {
+    /// Bounds on a command along an axis no further than `deviation` from its reference; a reference outside the bounds
+    /// does not empty them.
+    fn command_range(&self, axis: usize, reference: f64, deviation: f64) -> [f64; 2] {
         let (lower, upper) = (self.command_lower[axis], self.command_upper[axis]);
         let reference = reference.max(lower).min(upper);
-        [
-            lower.max(reference - self.command_deviation),
-            upper.min(reference + self.command_deviation),
-        ]
+        [lower.max(reference - deviation), upper.min(reference + deviation)]
     }
 }
 
@@ -83,6 +78,8 @@ pub struct Start<'a> {
     pub decay: f64,
     /// Fraction φ of a knot by which commands arrive late, −½ to ½: the model sees `(1 − φ) u_j + φ u_{j−1}`.
     pub delay: f64,
+    /// Greatest distance of a command from its reference along each axis, infinite for none.
+    pub command_deviation: f64,
 }
 
 /// Receding-horizon commands, with all memory they need.
@@ -322,7 +319,10 @@ impl Horizon {
         self.lower.clear();
         self.upper.clear();
         for (i, command) in self.commands.iter().enumerate() {
-            let [lower, upper] = self.limits.command_range(i % m, window.command_reference[i]);
+            let reference = window.command_reference[i];
+            let [lower, upper] = self
+                .limits
+                .command_range(i % m, reference, start.command_deviation);
             self.lower.push(lower - command);
             self.upper.push(upper - command);
         }
@@ -363,7 +363,10 @@ impl Horizon {
                 };
                 command = command.max(before - limit[i % m]).min(before + limit[i % m]);
             }
-            let [lower, upper] = self.limits.command_range(i % m, window.command_reference[i]);
+            let reference = window.command_reference[i];
+            let [lower, upper] = self
+                .limits
+                .command_range(i % m, reference, start.command_deviation);
             self.commands[i] = command.max(lower).min(upper);
         }
     }

@@ -122,7 +122,6 @@ impl Case {
             command_lower: vec![-bound; 3],
             command_upper: vec![bound; 3],
             command_change: None,
-            command_deviation: f64::INFINITY,
             states: Vec::new(),
             penalty: 1.0,
         }
@@ -165,6 +164,7 @@ fn one_step_is_a_newton_step(case: Case) {
         gust: &case.disturbance,
         decay: 0.9,
         delay: case.delay,
+        command_deviation: f64::INFINITY,
     };
     horizon.start_from(&case.commands);
     let report = horizon.solve(&window, &start, Budget::NONE);
@@ -280,11 +280,7 @@ fn hard_limits_hold_whatever_the_budget() {
         .into_iter()
         .flat_map(|deviation| [0, 1, 3, usize::MAX].map(|changes| (deviation, changes)));
     for (deviation, changes) in cases {
-        let limits = HorizonLimits {
-            command_deviation: deviation,
-            ..limits.clone()
-        };
-        let mut horizon = Horizon::new(case.stage, STAGES, case.weights.clone(), limits);
+        let mut horizon = Horizon::new(case.stage, STAGES, case.weights.clone(), limits.clone());
         let window = Window {
             dynamics: &case.model,
             knot: 0,
@@ -303,6 +299,7 @@ fn hard_limits_hold_whatever_the_budget() {
             gust: &case.disturbance,
             decay: 0.9,
             delay: case.delay,
+            command_deviation: deviation,
         };
         for _ in 0..3 {
             let budget = Budget {
