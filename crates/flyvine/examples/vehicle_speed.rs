@@ -66,6 +66,7 @@ impl Arm {
             stiffness,
             damping,
             collapse_moment: f64::INFINITY,
+            hysteresis: None,
         };
         let mut joints = vec![joint(self.joint_stiffness_Nm_per_rad, self.joint_damping_Nms_per_rad); links];
         joints[0] = joint(self.joint0_stiffness_Nm_per_rad, self.joint0_damping_Nms_per_rad);
