@@ -374,6 +374,7 @@ mod tests {
         let mut recording = Recording {
             name: "made".to_owned(),
             configurations: vec![configuration; commands.len()],
+            velocities: vec![[0.0; 3]; commands.len()],
             commands,
             measured: Measured::Rows {
                 quadrotor: vec![],
