@@ -39,9 +39,14 @@ pub struct CalibrateArguments {
     #[arg(long, value_name = "FLIGHT", num_args = 1..)]
     hold_out: Vec<PathBuf>,
     /// Also calibrate once per configuration without its flights, and compare these. What only that configuration's
-    /// flights identify (its beam) keeps its value of the start vehicle.
+    /// flights identify (its beam) keeps its value of the start vehicle; with --prior it follows the other beams.
     #[arg(long)]
     leave_one_out: bool,
+    /// Hold what the flights do not tell by what is believed beforehand: each parameter near the start vehicle's, and the
+    /// tube the same at either length. The weight against 1 for a flight's curve; 0.1 is a good one. A start vehicle that
+    /// was fitted to the same flights would be counted twice.
+    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
+    prior: f64,
     /// Parameters to fit, by their path in the vehicle's TOML or the beginning of it (`arm`, `autopilot.position`);
     /// without it, all that replays can say something about.
     #[arg(long, value_name = "PATH", value_delimiter = ',')]
@@ -112,6 +117,8 @@ enum Role {
 struct Distances {
     quadrotor_m: f64,
     end_effector_m: f64,
+    /// Of end-effector height minus quadrotor height, where the recording has it (the paper's swings).
+    height_m: Option<f64>,
 }
 
 /// Runs `flyvine calibrate`.
@@ -120,6 +127,12 @@ pub fn run(arguments: &CalibrateArguments) -> CommandResult {
         return bad_input(format!(
             "--factor: found {}, expected a number greater than 1",
             arguments.factor
+        ));
+    }
+    if !(arguments.prior.is_finite() && arguments.prior >= 0.0) {
+        return bad_input(format!(
+            "--prior: found {}, expected a weight of at least 0",
+            arguments.prior
         ));
     }
     let (start, others) = match &arguments.vehicle {
@@ -228,6 +241,7 @@ fn calibrated(
         max_iterations: arguments.iterations,
         starts: arguments.starts,
         seed: arguments.seed,
+        prior_weight: arguments.prior,
         ..CalibrationOptions::default()
     };
     let progress = |start: usize, iteration: usize, cost: f64, _: &VehicleParameters| {
@@ -260,6 +274,7 @@ fn compare(
     let distances = |row: &ReplayRow| Distances {
         quadrotor_m: row.quadrotor_m,
         end_effector_m: row.end_effector_m,
+        height_m: row.height_m,
     };
     let rows = replay(start)?.into_iter().zip(replay(calibrated)?);
     Ok(rows
@@ -358,6 +373,7 @@ impl Report {
                 centimetres(line.calibrated.quadrotor_m),
                 centimetres(line.start.end_effector_m),
                 centimetres(line.calibrated.end_effector_m),
+                line.calibrated.height_m.map_or_else(String::new, centimetres),
             ]
         });
         let header = [
@@ -368,6 +384,7 @@ impl Report {
             "calibrated",
             "end effector, start",
             "calibrated",
+            "heights",
         ];
         table(&header, rows)
     }

@@ -2,6 +2,7 @@
 
 use super::VehicleParameters;
 use super::chain::{Base, Chain, Growth, Joint, Link, Slider, Tip};
+use super::hysteresis::ElastoSlip;
 use super::pneumatics::Pneumatics;
 use crate::GRAVITY;
 use crate::flight::Configuration;
@@ -92,12 +93,20 @@ impl Arm {
             stiffness: beam.stiffness_n_m2 / length,
             damping: beam.damping_n_m2_s / length,
             collapse_moment: beam.collapse_moment_n_m,
+            hysteresis: (arm.slip_moment_n_m > 0.0).then_some(ElastoSlip {
+                stiffness: arm.slip_stiffness_n_m2 / length,
+                slip_moment: arm.slip_moment_n_m,
+            }),
         };
         chain.joints.fill(joint);
         // From the clamp to the middle of the first link there is only half a link that bends.
         chain.joints[0] = Joint {
             stiffness: 2.0 * joint.stiffness,
             damping: 2.0 * joint.damping,
+            hysteresis: joint.hysteresis.map(|element| ElastoSlip {
+                stiffness: 2.0 * element.stiffness,
+                ..element
+            }),
             ..joint
         };
         let tip_mass = arm.tip_mass_kg - arm.linear_density_kg_m * tube;
@@ -138,7 +147,8 @@ pub(super) fn empty_chain(parameters: &VehicleParameters) -> Chain {
             Joint {
                 stiffness: 0.0,
                 damping: 0.0,
-                collapse_moment: f64::INFINITY
+                collapse_moment: f64::INFINITY,
+                hysteresis: None,
             };
             links
         ],

@@ -165,8 +165,9 @@ impl Workspace {
                 + growth.link_acceleration * d;
             velocity += link.length_m * across + growth.link_rate * d;
 
-            pass.implicit = implicit_step * (joint.damping + implicit_step * joint.stiffness);
-            pass.torque = joint.spring(&bend(&parent_attitude, &state.links[i]))
+            pass.implicit = implicit_step * (joint.damping + implicit_step * joint.greatest_stiffness());
+            let bend = bend(&parent_attitude, &state.links[i]);
+            pass.torque = joint.spring(&bend, &parent_attitude, &state.sliders[i])
                 - joint.damping * (rate - parent_rate)
                 + pass.implicit * (predicted.links[i] - parent_predicted);
             parent_attitude = state.links[i];

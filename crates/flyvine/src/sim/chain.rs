@@ -15,9 +15,10 @@
 //!
 //! Joint i pulls link i towards link i−1 with the torque `−k φ s(|φ|) − c ω_rel`, where φ is the rotation
 //! vector from parent to child and `s = 1 / sqrt(1 + (k|φ|/M)²)` softens the spring where an inflated beam
-//! wrinkles (collapse moment M). The tip may slide along the last link's axis against a spring. Links and tip
+//! wrinkles (collapse moment M), and where there is hysteresis, that of its [`ElastoSlip`]. The tip may slide along the last link's axis against a spring. Links and tip
 //! feel quadratic air drag, the base a linear one.
 
+use super::hysteresis::ElastoSlip;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// One rigid, axisymmetric link, hanging from its joint along its axis.
@@ -48,6 +49,8 @@ pub struct Joint {
     pub damping: f64,
     /// Moment M at which the spring saturates, N m; infinite for a linear spring.
     pub collapse_moment: f64,
+    /// Hysteresis beside the spring; `None` for none.
+    pub hysteresis: Option<ElastoSlip>,
 }
 
 /// Rigid body at the lower end of the last link, turning with it; it may slide along the link's axis.
@@ -147,6 +150,8 @@ pub struct ChainState {
     pub attitude: UnitQuaternion<f64>,
     /// Attitudes `world_from_link`.
     pub links: Vec<UnitQuaternion<f64>>,
+    /// Sliders of the joints' hysteresis, in the parent link's axes, rad.
+    pub sliders: Vec<Vector3<f64>>,
     /// How far the tip hangs beyond its rest position on the last link's axis, m.
     pub extension: f64,
     /// Velocities.
@@ -227,6 +232,7 @@ impl ChainState {
             position,
             attitude: UnitQuaternion::identity(),
             links: vec![UnitQuaternion::identity(); links],
+            sliders: vec![Vector3::zeros(); links],
             extension: 0.0,
             motion: Motion::zeros(links),
         }
@@ -238,6 +244,7 @@ impl ChainState {
         self.attitude = other.attitude;
         self.extension = other.extension;
         self.links.copy_from_slice(&other.links);
+        self.sliders.copy_from_slice(&other.sliders);
         self.motion.copy_from(&other.motion);
     }
 
@@ -431,7 +438,12 @@ impl Chain {
                 spin,
                 rate.norm_squared(),
             );
-            elastic += joint.energy(bend(&parent, &state.links[i]).norm());
+            let bend = bend(&parent, &state.links[i]);
+            elastic += joint.energy(bend.norm());
+            if let Some(hysteresis) = &joint.hysteresis {
+                let bend = parent.inverse_transform_vector(&bend);
+                elastic += hysteresis.energy(&bend, &state.sliders[i]);
+            }
             parent = state.links[i];
             node += link.length_m * d;
             velocity += link.length_m * across;
@@ -456,11 +468,46 @@ impl Chain {
     }
 }
 
+impl Chain {
+    /// Moves the sliders of the joints' hysteresis to where the end of a step leaves them.
+    pub(super) fn settle_sliders(&self, state: &mut ChainState) {
+        let mut parent = match &self.base {
+            Some(_) => state.attitude,
+            None => UnitQuaternion::identity(),
+        };
+        for ((joint, child), slider) in self.joints.iter().zip(&state.links).zip(&mut state.sliders) {
+            if let Some(hysteresis) = &joint.hysteresis {
+                let bend = parent.inverse_transform_vector(&bend(&parent, child));
+                *slider = hysteresis.settled(&bend, slider);
+            }
+            parent = *child;
+        }
+    }
+}
+
 impl Joint {
-    /// Elastic torque on the child for a bend φ, N m.
-    pub(super) fn spring(&self, bend: &Vector3<f64>) -> Vector3<f64> {
+    /// Elastic torque on the child, world frame, N m, at a bend φ (world frame) with the hysteresis' slider (parent's
+    /// axes).
+    pub(super) fn spring(
+        &self,
+        bend: &Vector3<f64>,
+        parent: &UnitQuaternion<f64>,
+        slider: &Vector3<f64>,
+    ) -> Vector3<f64> {
         let relative = self.stiffness / self.collapse_moment;
-        -self.stiffness / (1.0 + relative * relative * bend.norm_squared()).sqrt() * bend
+        let elastic = -self.stiffness / (1.0 + relative * relative * bend.norm_squared()).sqrt() * bend;
+        match &self.hysteresis {
+            None => elastic,
+            Some(hysteresis) => {
+                let torque = hysteresis.torque(&parent.inverse_transform_vector(bend), slider);
+                elastic + parent.transform_vector(&torque)
+            }
+        }
+    }
+
+    /// Greatest stiffness, N m/rad: straight, and sticking.
+    pub(super) fn greatest_stiffness(&self) -> f64 {
+        self.stiffness + self.hysteresis.map_or(0.0, |hysteresis| hysteresis.stiffness)
     }
 
     /// Elastic energy at the bend angle, J: the integral of the softened spring.

@@ -33,7 +33,8 @@ fn chain(base: bool) -> Chain {
             Joint {
                 stiffness: 0.8,
                 damping: 0.05,
-                collapse_moment: 0.2
+                collapse_moment: 0.2,
+                hysteresis: None,
             };
             LINKS
         ],

@@ -4,13 +4,14 @@
 use super::VehicleParameters;
 use super::calibrate::FreeParameter;
 
-/// One [`FreeParameter`] whose TOML path is also its place in the structs.
+/// One [`FreeParameter`] (lower and upper bound, spread of the prior) whose TOML path is also its place in the structs.
 macro_rules! free {
-    ($low:expr, $high:expr, $($path:ident).+) => {
+    ($low:expr, $high:expr, $spread:expr, $($path:ident).+) => {
         FreeParameter {
             name: stringify!($($path).+),
             low: $low,
             high: $high,
+            spread: $spread,
             difference: 1e-3,
             get: |parameters: &VehicleParameters| parameters.$($path).+,
             set: |parameters: &mut VehicleParameters, value: f64| parameters.$($path).+ = value,
@@ -49,31 +50,32 @@ pub fn autopilot() -> Vec<FreeParameter> {
         // The position loop sees a command at one of its periods: a step of a whole period shows it.
         FreeParameter {
             difference: 0.0834,
-            ..free!(0.0, 0.12, autopilot.command_delay_s)
+            ..free!(0.0, 0.12, 0.03, autopilot.command_delay_s)
         },
-        free!(0.0, 0.12, autopilot.estimate_delay_s),
-        free!(0.5, 2.5, autopilot.position.xy_p),
-        free!(0.5, 4.0, autopilot.position.z_p),
-        free!(1.0, 10.0, autopilot.position.xy_vel_p),
-        free!(0.05, 4.0, autopilot.position.xy_vel_i),
-        free!(0.02, 2.0, autopilot.position.xy_vel_d),
-        free!(1.5, 20.0, autopilot.position.z_vel_p),
-        free!(0.1, 8.0, autopilot.position.z_vel_i),
-        free!(1.0, 40.0, autopilot.position.velocity_derivative_cutoff_hz),
-        free!(4.0, 16.0, autopilot.attitude.tilt_p),
-        free!(80.0, 400.0, autopilot.attitude.tilt_rate_max_deg_s),
-        free!(8.0, 50.0, autopilot.rate.tilt_p),
+        free!(0.0, 0.12, 0.03, autopilot.estimate_delay_s),
+        free!(0.5, 2.5, 0.6, autopilot.position.xy_p),
+        free!(0.5, 4.0, 0.6, autopilot.position.z_p),
+        free!(1.0, 10.0, 0.6, autopilot.position.xy_vel_p),
+        free!(0.05, 4.0, 0.6, autopilot.position.xy_vel_i),
+        free!(0.02, 2.0, 0.6, autopilot.position.xy_vel_d),
+        free!(1.5, 20.0, 0.6, autopilot.position.z_vel_p),
+        free!(0.1, 8.0, 0.6, autopilot.position.z_vel_i),
+        free!(1.0, 40.0, 0.6, autopilot.position.velocity_derivative_cutoff_hz),
+        free!(4.0, 16.0, 0.6, autopilot.attitude.tilt_p),
+        free!(80.0, 400.0, 0.6, autopilot.attitude.tilt_rate_max_deg_s),
+        free!(8.0, 50.0, 0.6, autopilot.rate.tilt_p),
     ]
 }
 
 /// Motors, inertia and drag of the quadrotor.
 pub fn airframe() -> Vec<FreeParameter> {
     vec![
-        free!(0.02, 0.06, quadrotor.motor_time_constant_s),
+        free!(0.02, 0.06, 0.6, quadrotor.motor_time_constant_s),
         FreeParameter {
             name: "quadrotor.drag_n_s_m",
             low: 0.05,
             high: 1.2,
+            spread: 0.6,
             difference: 1e-3,
             get: |parameters| parameters.quadrotor.drag_n_s_m[0],
             set: |parameters, value| parameters.quadrotor.drag_n_s_m = [value; 3],
@@ -82,43 +84,44 @@ pub fn airframe() -> Vec<FreeParameter> {
             name: "quadrotor.inertia_kg_m2",
             low: 0.005,
             high: 0.03,
+            spread: 0.3,
             difference: 1e-3,
             get: |parameters| parameters.quadrotor.inertia_kg_m2[0],
             set: |parameters, value| parameters.quadrotor.inertia_kg_m2 = [value, value, 1.5 * value],
         },
-        free!(0.04, 0.2, quadrotor.clamp_offset_m),
+        free!(0.04, 0.2, 0.3, quadrotor.clamp_offset_m),
     ]
 }
 
 /// Masses, drag and bending of the arm.
 pub fn arm() -> Vec<FreeParameter> {
     vec![
-        free!(0.13, 0.22, arm.tip_mass_kg),
-        free!(0.03, 0.14, arm.tip_offset_m),
-        free!(0.015, 0.05, arm.linear_density_kg_m),
-        free!(1e-4, 2e-3, arm.tip_inertia_transverse_kg_m2),
-        free!(0.2, 3.0, arm.drag_coefficient_normal),
-        free!(0.001, 0.05, arm.tip_drag_area_m2),
-        free!(0.03, 10.0, arm.axial_damping_n_s_m),
-        free!(0.003, 0.5, arm.corners.empty_short.stiffness_n_m2),
-        free!(0.003, 0.5, arm.corners.inflated_short.stiffness_n_m2),
-        free!(0.003, 0.5, arm.corners.empty_long.stiffness_n_m2),
-        free!(0.002, 0.5, arm.corners.inflated_long.stiffness_n_m2),
-        free!(0.0003, 0.3, arm.corners.empty_short.damping_n_m2_s),
-        free!(0.0003, 0.3, arm.corners.inflated_short.damping_n_m2_s),
-        free!(0.0003, 0.3, arm.corners.empty_long.damping_n_m2_s),
-        free!(0.0003, 0.3, arm.corners.inflated_long.damping_n_m2_s),
-        free!(0.01, 10.0, arm.corners.empty_short.collapse_moment_n_m),
-        free!(0.01, 10.0, arm.corners.inflated_short.collapse_moment_n_m),
-        free!(0.01, 10.0, arm.corners.empty_long.collapse_moment_n_m),
-        free!(0.01, 10.0, arm.corners.inflated_long.collapse_moment_n_m),
-        free!(0.001, 0.008, arm.corners.empty_short.stretch_m_n),
-        free!(0.001, 0.008, arm.corners.inflated_short.stretch_m_n),
-        free!(0.001, 0.06, arm.corners.empty_long.stretch_m_n),
-        free!(0.001, 0.06, arm.corners.inflated_long.stretch_m_n),
-        free!(0.001, 0.06, arm.corners.empty_short.slack_m_n),
-        free!(0.001, 0.06, arm.corners.inflated_short.slack_m_n),
-        free!(0.001, 0.3, arm.corners.empty_long.slack_m_n),
-        free!(0.001, 0.3, arm.corners.inflated_long.slack_m_n),
+        free!(0.13, 0.22, 0.3, arm.tip_mass_kg),
+        free!(0.03, 0.14, 0.3, arm.tip_offset_m),
+        free!(0.015, 0.05, 0.3, arm.linear_density_kg_m),
+        free!(1e-4, 2e-3, 0.3, arm.tip_inertia_transverse_kg_m2),
+        free!(0.2, 3.0, 0.6, arm.drag_coefficient_normal),
+        free!(0.001, 0.05, 0.6, arm.tip_drag_area_m2),
+        free!(0.03, 10.0, 0.6, arm.axial_damping_n_s_m),
+        free!(0.003, 0.5, 1.5, arm.corners.empty_short.stiffness_n_m2),
+        free!(0.003, 0.5, 1.5, arm.corners.inflated_short.stiffness_n_m2),
+        free!(0.003, 0.5, 1.5, arm.corners.empty_long.stiffness_n_m2),
+        free!(0.002, 0.5, 1.5, arm.corners.inflated_long.stiffness_n_m2),
+        free!(0.0003, 0.3, 1.5, arm.corners.empty_short.damping_n_m2_s),
+        free!(0.0003, 0.3, 1.5, arm.corners.inflated_short.damping_n_m2_s),
+        free!(0.0003, 0.3, 1.5, arm.corners.empty_long.damping_n_m2_s),
+        free!(0.0003, 0.3, 1.5, arm.corners.inflated_long.damping_n_m2_s),
+        free!(0.01, 10.0, 1.5, arm.corners.empty_short.collapse_moment_n_m),
+        free!(0.01, 10.0, 1.5, arm.corners.inflated_short.collapse_moment_n_m),
+        free!(0.01, 10.0, 1.5, arm.corners.empty_long.collapse_moment_n_m),
+        free!(0.01, 10.0, 1.5, arm.corners.inflated_long.collapse_moment_n_m),
+        free!(0.001, 0.008, 1.5, arm.corners.empty_short.stretch_m_n),
+        free!(0.001, 0.008, 1.5, arm.corners.inflated_short.stretch_m_n),
+        free!(0.001, 0.06, 1.5, arm.corners.empty_long.stretch_m_n),
+        free!(0.001, 0.06, 1.5, arm.corners.inflated_long.stretch_m_n),
+        free!(0.001, 0.06, 1.5, arm.corners.empty_short.slack_m_n),
+        free!(0.001, 0.06, 1.5, arm.corners.inflated_short.slack_m_n),
+        free!(0.001, 0.3, 1.5, arm.corners.empty_long.slack_m_n),
+        free!(0.001, 0.3, 1.5, arm.corners.inflated_long.slack_m_n),
     ]
 }

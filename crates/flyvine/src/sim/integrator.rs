@@ -87,6 +87,7 @@ impl LinearlyImplicit {
         state.motion.add_scaled(eta, &self.acceleration);
         self.average(&state.motion);
         state.advance(&self.start, step, &self.mean);
+        chain.settle_sliders(state);
     }
 
     /// `mean = (1 − γ) V₁ + γ V₂`.
@@ -191,6 +192,7 @@ impl RungeKutta4 {
             }
         }
         move_along(state, &self.start, step, &self.sum);
+        chain.settle_sliders(state);
     }
 
     fn evaluate(&mut self, chain: &Chain, state: &ChainState, load: &Load) {

@@ -16,6 +16,8 @@ pub struct MocapParameters {
     pub position_noise_m: f64,
     /// Standard deviation of an attitude, per axis, degrees.
     pub attitude_noise_deg: f64,
+    /// Frames per second of the cameras; without it, poses are as fresh as the flight controller's rate loop.
+    pub rate_hz: Option<f64>,
     /// Age of the poses that arrive, s.
     pub latency_s: f64,
     /// Further age, drawn evenly between 0 and this at every frame, s.
@@ -37,6 +39,7 @@ impl Default for MocapParameters {
         MocapParameters {
             position_noise_m: 3e-4,
             attitude_noise_deg: 0.1,
+            rate_hz: None,
             latency_s: 0.0,
             jitter_s: 0.0,
             dropout_probability: 0.0,
@@ -59,6 +62,9 @@ impl MocapParameters {
             20.0,
             "degrees",
         )?;
+        if let Some(rate) = self.rate_hz {
+            check.range("rate_hz", rate, 1.0, 1e4, "Hz")?;
+        }
         check.range("latency_s", self.latency_s, 0.0, 1.0, "s")?;
         check.range("jitter_s", self.jitter_s, 0.0, 1.0, "s")?;
         check.range("dropout_probability", self.dropout_probability, 0.0, 1.0, "")?;
@@ -164,6 +170,9 @@ pub struct Mocap {
     quadrotor: Tracked<Pose>,
     end_effector: Tracked<[f64; 3]>,
     past: History<Scene>,
+    /// What the cameras' newest frame shows, and the time to the next one, s.
+    frame: Scene,
+    next_frame_s: f64,
     period: f64,
     /// Faults since the start.
     pub faults: MocapFaults,
@@ -176,17 +185,27 @@ impl Mocap {
             quadrotor: Tracked::default(),
             end_effector: Tracked::default(),
             past: History::new(parameters.latency_s + parameters.jitter_s, period, scene),
+            frame: scene,
+            next_frame_s: 0.0,
             period,
             faults: MocapFaults::default(),
         }
     }
 
     /// The scene after another period.
-    pub fn watch(&mut self, scene: Scene) {
-        self.past.push(scene);
+    pub fn watch(&mut self, parameters: &MocapParameters, scene: Scene) {
+        self.next_frame_s -= self.period;
+        if self.next_frame_s < 1e-9 {
+            self.frame = scene;
+            // Frames that fall between two periods are seen at the second.
+            self.next_frame_s += parameters
+                .rate_hz
+                .map_or(self.period, |rate| (1.0 / rate).max(self.period));
+        }
+        self.past.push(self.frame);
     }
 
-    /// One frame: quadrotor pose and end-effector position as measured.
+    /// One answer: quadrotor pose and end-effector position as measured.
     pub fn frame(
         &mut self,
         parameters: &MocapParameters,

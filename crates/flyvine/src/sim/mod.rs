@@ -6,6 +6,7 @@
 //! | part | what it is |
 //! | --- | --- |
 //! | [`chain`], [`articulated`] | rigid base and links on elastic ball joints, a tip that slides along the axis; O(n) forward dynamics with implicit joint forces, growth with the terms of moving material |
+//! | [`hysteresis`] | elasto-slip element of a joint, off by default |
 //! | [`integrator`] | second-order, L-stable, linearly implicit (the vehicle's); explicit fourth-order (undamped mode, and to check the other) |
 //! | [`autopilot`] | PX4's cascade, and a geometric controller of different structure |
 //! | [`pneumatics`], [`wind`], [`contact`] | pumps and leak, mean wind and gusts, floor and ball |
@@ -31,6 +32,7 @@ mod chain_tests;
 pub mod contact;
 pub mod free;
 mod history;
+pub mod hysteresis;
 pub mod integrator;
 pub mod mocap;
 pub mod paper;

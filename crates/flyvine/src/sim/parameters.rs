@@ -95,6 +95,10 @@ pub struct ArmParameters {
     pub tip_drag_area_m2: f64,
     /// Axial damping of the tube, N s/m.
     pub axial_damping_n_s_m: f64,
+    /// Bending moment at which folds and layers of the tube slip on each other (hysteresis), N m; zero for none.
+    pub slip_moment_n_m: f64,
+    /// Bending stiffness that they add as long as they stick, N m².
+    pub slip_stiffness_n_m2: f64,
     /// Greatest growth rate, m/s.
     pub max_growth_rate_m_s: f64,
     /// First-order lag of the growth motor, s.
@@ -189,6 +193,8 @@ impl Default for ArmParameters {
             drag_coefficient_tangential: 0.02,
             tip_drag_area_m2: 0.001263,
             axial_damping_n_s_m: 0.03,
+            slip_moment_n_m: 0.0,
+            slip_stiffness_n_m2: 0.05,
             max_growth_rate_m_s: 0.02,
             growth_time_constant_s: 0.1,
             length_range_m: [0.45, 1.2],
@@ -475,6 +481,14 @@ impl ArmParameters {
             0.0,
             1000.0,
             "N s/m",
+        )?;
+        check.range("slip_moment_n_m", self.slip_moment_n_m, 0.0, 100.0, "N m")?;
+        check.range(
+            "slip_stiffness_n_m2",
+            self.slip_stiffness_n_m2,
+            1e-4,
+            100.0,
+            "N m²",
         )?;
         check.range("max_growth_rate_m_s", self.max_growth_rate_m_s, 0.0, 0.5, "m/s")?;
         check.range(

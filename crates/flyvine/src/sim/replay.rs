@@ -23,6 +23,8 @@ pub struct Recording {
     pub configurations: Vec<Configuration>,
     /// Commanded quadrotor positions, one every [`DT`], m.
     pub commands: Vec<[f64; 3]>,
+    /// Velocities sent beside them, m/s; zero where there were positions alone.
+    pub velocities: Vec<[f64; 3]>,
     /// What is known of the response.
     pub measured: Measured,
 }
@@ -124,6 +126,10 @@ impl Recording {
             name: flight.name.clone(),
             configurations: samples.iter().map(|sample| sample.configuration).collect(),
             commands: samples.iter().map(|sample| moved(sample.command)).collect(),
+            velocities: samples
+                .iter()
+                .map(|sample| sample.command_velocity.unwrap_or_default())
+                .collect(),
             measured: Measured::Rows {
                 quadrotor: samples
                     .iter()
@@ -147,8 +153,13 @@ impl Recording {
             trajectory.end_effector.push(end_effector);
         };
         record(vehicle);
-        for (command, configuration) in self.commands.iter().zip(&self.configurations) {
-            vehicle.step(*command, *configuration)?;
+        for ((command, velocity), configuration) in self
+            .commands
+            .iter()
+            .zip(&self.velocities)
+            .zip(&self.configurations)
+        {
+            vehicle.advance_with_velocity(*command, *velocity, *configuration, DT)?;
             record(vehicle);
         }
         Ok(trajectory)

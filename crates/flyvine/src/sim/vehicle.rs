@@ -2,7 +2,7 @@
 
 use super::arm::{Arm, empty_chain};
 use super::autopilot::mixer::Mixer;
-use super::autopilot::position::ThrustModel;
+use super::autopilot::position::{PositionCommand, ThrustModel};
 use super::autopilot::{Autopilot, Estimate};
 use super::chain::{Chain, ChainState, Load};
 use super::contact::{self, Ball};
@@ -14,7 +14,7 @@ use crate::flight::{Configuration, Pose};
 use crate::link::{Observation, Vehicle, VehicleError};
 use crate::{DT, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::VecDeque;
 
@@ -22,9 +22,10 @@ use std::collections::VecDeque;
 const START: Vector3<f64> = Vector3::new(0.0, 0.0, 1.5);
 /// How long the vehicle hovers before the flight starts where wind has to be trimmed, s.
 const SETTLING_S: f64 = 10.0;
-/// Random streams of one seed: one for the sensors, one for the air, so that neither shifts the other.
+/// Random streams of one seed: for the sensors, the air and the radio, so that none shifts the others.
 const SENSOR_STREAM: u64 = 0;
 const WIND_STREAM: u64 = 1;
+const RADIO_STREAM: u64 = 2;
 
 /// The quadrotor with its autopilot and arm, as a [`Vehicle`].
 ///
@@ -44,9 +45,12 @@ pub struct SimulatedVehicle {
     ball: Option<Ball>,
     sensor_random: ChaCha8Rng,
     wind_random: ChaCha8Rng,
+    radio_random: ChaCha8Rng,
     /// Commands that have not reached the autopilot yet, with their time of arrival, s.
-    pending: VecDeque<(f64, Vector3<f64>)>,
-    command: Vector3<f64>,
+    pending: VecDeque<(f64, PositionCommand)>,
+    command: PositionCommand,
+    /// Commands lost since the reset.
+    lost_commands: usize,
     /// Rate-loop periods since the reset.
     tick: u64,
 }
@@ -68,6 +72,8 @@ pub struct Truth {
     pub ball: Option<[f64; 3]>,
     /// Poses that motion-capture faults took since the reset.
     pub mocap_faults: MocapFaults,
+    /// Commands lost on their way since the reset.
+    pub lost_commands: usize,
 }
 
 impl SimulatedVehicle {
@@ -109,8 +115,10 @@ impl SimulatedVehicle {
             ball: None,
             sensor_random: ChaCha8Rng::seed_from_u64(0),
             wind_random,
+            radio_random: ChaCha8Rng::seed_from_u64(0),
             pending: VecDeque::with_capacity(64),
-            command: START,
+            command: PositionCommand::at(START),
+            lost_commands: 0,
             tick: 0,
             parameters,
         };
@@ -146,6 +154,7 @@ impl SimulatedVehicle {
             configuration: self.arm.configuration(),
             ball: self.ball.map(|ball| ball.position.into()),
             mocap_faults: self.mocap.faults,
+            lost_commands: self.lost_commands,
         }
     }
 
@@ -166,9 +175,12 @@ impl SimulatedVehicle {
         self.sensor_random.set_stream(SENSOR_STREAM);
         self.wind_random = ChaCha8Rng::seed_from_u64(seed);
         self.wind_random.set_stream(WIND_STREAM);
+        self.radio_random = ChaCha8Rng::seed_from_u64(seed);
+        self.radio_random.set_stream(RADIO_STREAM);
         self.gust = Gust::stationary(&self.parameters.wind, &mut self.wind_random);
         self.pending.clear();
-        self.command = START;
+        self.command = PositionCommand::at(START);
+        self.lost_commands = 0;
         self.tick = 0;
         self.arm.shape(&self.parameters, &mut self.chain);
         // A payload stretches the tube at rest.
@@ -235,7 +247,7 @@ impl SimulatedVehicle {
             self.motors = self.motors_after(&wanted, step);
         }
         self.tick += 1;
-        self.mocap.watch(self.scene());
+        self.mocap.watch(&self.parameters.mocap, self.scene());
     }
 
     /// Thrust per thrust asked for: the battery sags, and the ground (z = 0) helps by
@@ -305,14 +317,37 @@ impl SimulatedVehicle {
         configuration: Configuration,
         duration_s: f64,
     ) -> Result<Observation, VehicleError> {
+        self.advance_with_velocity(command, [0.0; 3], configuration, duration_s)
+    }
+
+    /// Like [`Self::advance`] with a velocity (world frame, m/s) beside the commanded position, which the autopilot's
+    /// velocity loop is fed forward.
+    pub fn advance_with_velocity(
+        &mut self,
+        command: [f64; 3],
+        velocity: [f64; 3],
+        configuration: Configuration,
+        duration_s: f64,
+    ) -> Result<Observation, VehicleError> {
         self.check(&configuration)?;
-        if command.iter().any(|c| !c.is_finite()) {
-            return Err(VehicleError::Refused {
-                what: format!("command {command:?}, expected three finite numbers"),
-            });
+        for (name, values) in [("command", command), ("commanded velocity", velocity)] {
+            if values.iter().any(|value| !value.is_finite()) {
+                return Err(VehicleError::Refused {
+                    what: format!("{name} {values:?}, expected three finite numbers"),
+                });
+            }
         }
-        let arrival = self.time_s() + self.parameters.autopilot.command_delay_s;
-        self.pending.push_back((arrival, command.into()));
+        let autopilot = &self.parameters.autopilot;
+        if self.radio_random.random::<f64>() < autopilot.command_dropout_probability {
+            self.lost_commands += 1;
+        } else {
+            let command = PositionCommand {
+                position: command.into(),
+                velocity: velocity.into(),
+            };
+            let arrival = self.time_s() + autopilot.command_delay_s;
+            self.pending.push_back((arrival, command));
+        }
         for _ in 0..(duration_s / self.parameters.autopilot.rate_period_s).round() as usize {
             self.period(&configuration);
         }

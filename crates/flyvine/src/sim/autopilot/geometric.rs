@@ -5,7 +5,7 @@
 //! not assume PX4's structure can be tried on it.
 
 use super::Estimate;
-use super::position::{ThrustModel, attitude_from_thrust};
+use super::position::{PositionCommand, ThrustModel, attitude_from_thrust};
 use crate::GRAVITY;
 use crate::sim::parameters::{Checker, ParameterError};
 use nalgebra::{Matrix3, Vector3};
@@ -76,14 +76,14 @@ impl GeometricController {
     pub fn update(
         &mut self,
         parameters: &GeometricParameters,
-        command: &Vector3<f64>,
+        command: &PositionCommand,
         estimate: &Estimate,
         thrust: &ThrustModel,
         period: f64,
     ) -> (f64, Vector3<f64>) {
-        let error = (command - estimate.position).cap_magnitude(parameters.max_error_m);
+        let error = (command.position - estimate.position).cap_magnitude(parameters.max_error_m);
         let mut acceleration = parameters.position_gain * error
-            - parameters.velocity_gain * estimate.velocity
+            + parameters.velocity_gain * (command.velocity - estimate.velocity)
             + self.integral
             + Vector3::new(0.0, 0.0, GRAVITY);
         acceleration.z = acceleration.z.max(0.3 * GRAVITY);

@@ -13,7 +13,7 @@ use super::parameters::{Checker, ParameterError};
 use attitude::AttitudeParameters;
 use geometric::{GeometricController, GeometricParameters};
 use nalgebra::{UnitQuaternion, Vector3};
-use position::{PositionController, PositionParameters, Setpoint, ThrustModel};
+use position::{PositionCommand, PositionController, PositionParameters, Setpoint, ThrustModel};
 use rate::{RateController, RateParameters};
 use serde::{Deserialize, Serialize};
 
@@ -36,6 +36,8 @@ pub struct AutopilotParameters {
     pub law: Law,
     /// Delay from issuing a position command to the position controller seeing it, s.
     pub command_delay_s: f64,
+    /// Chance that a command is lost on its way; the one before it stays in force.
+    pub command_dropout_probability: f64,
     /// Age of the position and velocity that the position loop sees, s: motion capture, radio and estimator
     /// (what EKF2_EV_DELAY would have to make up for).
     pub estimate_delay_s: f64,
@@ -62,6 +64,7 @@ impl Default for AutopilotParameters {
         AutopilotParameters {
             law: Law::Cascade,
             command_delay_s: 0.05994,
+            command_dropout_probability: 0.0,
             estimate_delay_s: 0.02207,
             rate_period_s: 0.0025,
             attitude_divider: 1,
@@ -79,6 +82,13 @@ impl AutopilotParameters {
     pub(super) fn validate(&self) -> Result<(), ParameterError> {
         let check = Checker::new("autopilot");
         check.range("command_delay_s", self.command_delay_s, 0.0, 1.0, "s")?;
+        check.range(
+            "command_dropout_probability",
+            self.command_dropout_probability,
+            0.0,
+            1.0,
+            "",
+        )?;
         check.range("estimate_delay_s", self.estimate_delay_s, 0.0, 0.5, "s")?;
         check.range("rate_period_s", self.rate_period_s, 1e-4, 0.02, "s")?;
         check.range(
@@ -169,7 +179,7 @@ impl Autopilot {
     pub fn update(
         &mut self,
         parameters: &AutopilotParameters,
-        command: &Vector3<f64>,
+        command: &PositionCommand,
         estimate: &Estimate,
         thrust: &ThrustModel,
     ) -> (f64, Vector3<f64>) {
@@ -207,7 +217,7 @@ impl Autopilot {
     fn cascade(
         &mut self,
         parameters: &AutopilotParameters,
-        command: &Vector3<f64>,
+        command: &PositionCommand,
         estimate: &Estimate,
         thrust: &ThrustModel,
         tick: u64,

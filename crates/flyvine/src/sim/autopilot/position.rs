@@ -105,6 +105,25 @@ pub struct ThrustModel {
     pub max_n: f64,
 }
 
+/// Where the vehicle shall be, and how fast it shall pass there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionCommand {
+    /// Position, world frame, m.
+    pub position: Vector3<f64>,
+    /// Velocity fed forward, world frame, m/s; zero for a command of a position alone.
+    pub velocity: Vector3<f64>,
+}
+
+impl PositionCommand {
+    /// A position alone.
+    pub fn at(position: Vector3<f64>) -> PositionCommand {
+        PositionCommand {
+            position,
+            velocity: Vector3::zeros(),
+        }
+    }
+}
+
 /// Attitude and thrust wanted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
@@ -136,7 +155,7 @@ impl PositionController {
     pub fn update(
         &mut self,
         parameters: &PositionParameters,
-        command: &Vector3<f64>,
+        command: &PositionCommand,
         estimate: &Estimate,
         thrust: &ThrustModel,
         period: f64,
@@ -219,16 +238,35 @@ impl Default for PositionController {
     }
 }
 
-/// `v = P (p_cmd − p)` within the speed limits.
+/// `v = P (p_cmd − p) + v_cmd` within the speed limits: horizontally the position loop's part comes first and the
+/// feed-forward gets what it leaves, as PX4's `PositionControl` has it.
 fn velocity_setpoint(
     parameters: &PositionParameters,
-    command: &Vector3<f64>,
+    command: &PositionCommand,
     position: &Vector3<f64>,
 ) -> Vector3<f64> {
-    let error = command - position;
-    let horizontal = (parameters.xy_p * error.xy()).cap_magnitude(parameters.xy_vel_max);
-    let vertical = (parameters.z_p * error.z).clamp(-parameters.z_vel_max_down, parameters.z_vel_max_up);
+    let error = command.position - position;
+    let horizontal = within(
+        parameters.xy_p * error.xy(),
+        command.velocity.xy(),
+        parameters.xy_vel_max,
+    );
+    let vertical = (parameters.z_p * error.z + command.velocity.z)
+        .clamp(-parameters.z_vel_max_down, parameters.z_vel_max_up);
     Vector3::new(horizontal.x, horizontal.y, vertical)
+}
+
+/// `first + s · second` with the greatest s ≤ 1 that keeps its length within `most`; `first` alone is cut.
+fn within(first: Vector2<f64>, second: Vector2<f64>, most: f64) -> Vector2<f64> {
+    let first = first.cap_magnitude(most);
+    let squared = second.norm_squared();
+    if squared == 0.0 || (first + second).norm() <= most {
+        return first + second;
+    }
+    // |first + s second|² = most², the root that is not negative.
+    let half = first.dot(&second);
+    let share = ((half * half + squared * (most * most - first.norm_squared())).sqrt() - half) / squared;
+    first + share * second
 }
 
 /// The attitude whose z axis points along the thrust, heading east (yaw zero).
@@ -240,4 +278,25 @@ pub(super) fn attitude_from_thrust(force: &Vector3<f64>) -> UnitQuaternion<f64> 
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[
         x, y, z,
     ])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn feed_forward_gets_what_the_position_loop_leaves_of_the_speed() {
+        let most = 5.0;
+        let sum = within(Vector2::new(1.0, 0.5), Vector2::new(2.0, -1.0), most);
+        assert_eq!(sum, Vector2::new(3.0, -0.5));
+        for first in [Vector2::new(3.0, 1.0), Vector2::new(-3.0, 2.0), Vector2::zeros()] {
+            let second = Vector2::new(9.0, 3.0);
+            let sum = within(first, second, most);
+            assert!((sum.norm() - most).abs() < 1e-12);
+            let added = sum - first;
+            assert!(added.dot(&second) >= 0.0 && (added.x * second.y - added.y * second.x).abs() < 1e-12);
+        }
+        let fast = within(Vector2::new(9.0, 0.0), Vector2::new(1.0, 0.0), most);
+        assert!((fast - Vector2::new(most, 0.0)).norm() < 1e-12);
+    }
 }
