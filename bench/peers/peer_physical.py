@@ -264,7 +264,7 @@ def solve(problem, step, runs):
               for side, key in ((-np.inf, "umin"), (np.inf, "umax"))]
     options = dict(print_time=False, error_on_fail=False, ipopt=dict(print_level=0, sb="yes", tol=1e-6, max_iter=300))
     if os.environ.get("JIT", "1") == "1":
-        options.update(jit=True, compiler="shell", jit_options=dict(flags=["-O2", "-march=native"], verbose=False))
+        options.update(jit=True, compiler="shell", jit_options=dict(flags=["-O1", "-march=native"], verbose=False))
     started = time.time()
     solver = ca.nlpsol("S", "ipopt", dict(x=variables, f=cost, g=defects), options)
     build_s = time.time() - started

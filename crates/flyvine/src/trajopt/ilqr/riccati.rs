@@ -9,7 +9,7 @@
 //! ```
 //!
 //! S only selects, so products with it are copies, and the last `fresh` columns of `P₁₂ S` are zero: for three lags of
-//! nine entries and three commands this costs 20 kflop instead of the 110 of dense matrices. Only upper triangles are
+//! nine entries and three commands this costs 19 kflop instead of the 110 of dense matrices. Only upper triangles are
 //! computed and read, so P is symmetric by construction; an antisymmetric part would grow from knot to knot.
 
 use super::Shape;
