@@ -59,6 +59,9 @@ impl Secant {
         let Shape { stride, fresh, .. } = self.shape;
         let hessians = self.hessians.chunks_exact_mut(self.shape.width() * stride);
         for (knot, hessian) in hessians.enumerate() {
+            if !self.known && new.jacobian(knot) == old.jacobian(knot) {
+                continue; // linear so far
+            }
             let points = new.point(knot).iter().zip(old.point(knot));
             for (step, (new, old)) in self.step.iter_mut().zip(points) {
                 *step = new - old;
