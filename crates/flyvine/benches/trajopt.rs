@@ -11,22 +11,24 @@ fn read(name: &str) -> BenchmarkProblem {
     read_problem(format!("{folder}/{name}.json").as_ref()).expect("shipped")
 }
 
-/// One Newton step of a convex problem: a rollout, one factorization, one closed-loop rollout.
+/// One Riccati sweep along the solution, of a model that stays and of one that changes from knot to knot; and the same
+/// with the shift of the lagged state hidden. `examples/riccati_sweep.rs` compares with other people's dense products.
 fn sweep(criterion: &mut Criterion) {
-    let benchmark = read("linlem5_ES");
-    let one_step = || Options {
-        max_iterations: 1,
-        ..Options::default()
-    };
-    let mut structured = Solver::new(&benchmark.problem, &benchmark.dynamics, one_step()).expect("valid");
-    criterion.bench_function("one step, 160 knots, structured", |bencher| {
-        bencher.iter(|| black_box(structured.solve().cost));
-    });
-    let dense = Dense(&benchmark.dynamics);
-    let mut dense = Solver::new(&benchmark.problem, &dense, one_step()).expect("valid");
-    criterion.bench_function("one step, 160 knots, dense", |bencher| {
-        bencher.iter(|| black_box(dense.solve().cost));
-    });
+    for name in ["linlem5_ES", "grow"] {
+        let benchmark = read(name);
+        let (problem, knots) = (&benchmark.problem, benchmark.problem.knots);
+        let mut structured = Solver::new(problem, &benchmark.dynamics, Options::default()).expect("valid");
+        structured.solve();
+        criterion.bench_function(&format!("sweep, {name}, {knots} knots, structured"), |bencher| {
+            bencher.iter(|| assert!(structured.sweep()));
+        });
+        let dense = Dense(&benchmark.dynamics);
+        let mut dense = Solver::new(problem, &dense, Options::default()).expect("valid");
+        dense.solve();
+        criterion.bench_function(&format!("sweep, {name}, {knots} knots, dense"), |bencher| {
+            bencher.iter(|| assert!(dense.sweep()));
+        });
+    }
 }
 
 /// Rolling commands out and linearizing along them.

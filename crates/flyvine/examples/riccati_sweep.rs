@@ -73,8 +73,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// Multiplications and additions of one knot that exploits shift and symmetry.
 fn structured_flops() -> usize {
     let shifted = STATE - FRESH;
-    let upper_rows = |rows: usize| (0..rows).map(|row| WIDTH - row).sum::<usize>();
-    let products = 2 * FRESH * FRESH * WIDTH + 2 * FRESH * (upper_rows(WIDTH) + upper_rows(shifted));
+    let upper = |rows: usize| rows * (rows + 1) / 2;
+    let products = 2 * FRESH * (FRESH + COMMAND) * WIDTH + 2 * FRESH * (upper(STATE) + upper(shifted));
     let gains = 2 * COMMAND * COMMAND * STATE;
     let downdate = COMMAND * STATE * (STATE + 1);
     products + gains + downdate

@@ -9,7 +9,7 @@ use pulp::{Arch, Simd, WithSimd};
 const MAX_LANES: usize = 8;
 
 /// Length of a row with room for `len` entries.
-pub fn padded(len: usize) -> usize {
+pub const fn padded(len: usize) -> usize {
     len.next_multiple_of(MAX_LANES)
 }
 
@@ -27,8 +27,10 @@ pub struct Rows<'a> {
 pub enum Wanted {
     /// All.
     All,
-    /// `i ≤ j < columns`, where columns from there to the next whole vector stay or become zero.
+    /// `i ≤ j` and `first ≤ j < columns`, where columns from there to the next whole vector stay or become zero.
     Upper {
+        /// First column, a whole number of vectors.
+        first: usize,
         /// Number of columns.
         columns: usize,
     },
@@ -49,26 +51,25 @@ pub fn add_transpose_vector(matrix: &[f64], vector: &[f64], out: &mut [f64]) {
     );
     Arch::new().dispatch(SumOfProducts {
         accumulate: true,
-        addends: &[],
-        factors: &[(left, right)],
+        addends: [None; 2],
+        factors: [(left, right)],
         wanted: Wanted::All,
         stride,
         out,
     });
 }
 
-/// `out[i][j] = Σ_addends addend[i][j] + Σ_factors Σ_r left[r][i] right[r][j]` for all rows i of `out`, which are
-/// `stride` long. The sum over r ends with the shorter factor.
-pub fn sum_products(
-    addends: &[Rows<'_>],
-    factors: &[(Rows<'_>, Rows<'_>)],
+/// `out[i][j] = Σ_factors Σ_r left[r][i] right[r][j]` for all rows i of `out`, which are `stride` long. The sum over r
+/// ends with the shorter factor.
+pub fn sum_products<const F: usize>(
+    factors: [(Rows<'_>, Rows<'_>); F],
     wanted: Wanted,
     stride: usize,
     out: &mut [f64],
 ) {
     Arch::new().dispatch(SumOfProducts {
         accumulate: false,
-        addends,
+        addends: [None; 2],
         factors,
         wanted,
         stride,
@@ -121,155 +122,166 @@ impl WithSimd for RowProducts<'_> {
     }
 }
 
-struct SumOfProducts<'a> {
+/// A sum of F products for [`Arch::dispatch`], or for a caller who is inside of one already.
+pub struct SumOfProducts<'a, const F: usize> {
     /// Whether to begin with what is in `out`, rather than with zero.
-    accumulate: bool,
-    addends: &'a [Rows<'a>],
-    factors: &'a [(Rows<'a>, Rows<'a>)],
-    wanted: Wanted,
-    stride: usize,
-    out: &'a mut [f64],
+    pub accumulate: bool,
+    /// Matrices to add.
+    pub addends: [Option<Rows<'a>>; 2],
+    /// Left and right factors.
+    pub factors: [(Rows<'a>, Rows<'a>); F],
+    /// Which entries to compute.
+    pub wanted: Wanted,
+    /// Length of a row of `out`.
+    pub stride: usize,
+    /// The result.
+    pub out: &'a mut [f64],
 }
 
-impl WithSimd for SumOfProducts<'_> {
+/// Rows of the largest tile.
+const MAX_ROWS: usize = 4;
+
+impl<const F: usize> WithSimd for SumOfProducts<'_, F> {
     type Output = ();
 
-    /// Tiles of up to 4 rows × 3 vectors of `out` (1 × 8) stay in registers over the whole sum.
+    /// Tiles of up to 4 rows × 2 vectors or 3 × 3 of `out` (1 × 8) stay in registers over the whole sum.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let rows = self.out.len() / self.stride;
-        let columns = match self.wanted {
-            Wanted::All => self.stride,
-            Wanted::Upper { columns } => columns,
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let (first, columns, upper) = match self.wanted {
+            Wanted::All => (0, self.stride, false),
+            Wanted::Upper { first, columns } => (first, columns, true),
         };
-        let mut tiles = Tiles {
-            simd,
-            accumulate: self.accumulate,
-            addends: self.addends,
-            factors: self.factors,
-            row_vectors: self.stride / S::F64_LANES,
-            columns: columns.div_ceil(S::F64_LANES),
-            rest: columns % S::F64_LANES,
-            out: S::as_mut_simd_f64s(self.out).0,
+        let out_rows = self.out.len() / self.stride;
+        let rows = match upper {
+            true if first < columns => out_rows.min(columns),
+            true => 0,
+            false => out_rows,
         };
         let mut row = 0;
         while row < rows {
-            let column = match self.wanted {
-                Wanted::All => 0,
-                Wanted::Upper { .. } => row / S::F64_LANES,
-            };
-            match rows - row {
-                1 => tiles.single_row(row, column),
-                2 => tiles.row_block::<2>(row, column),
-                3 => tiles.row_block::<3>(row, column),
-                _ => tiles.row_block::<4>(row, column),
+            let column = if upper { first.max(row) } else { 0 } / S::F64_LANES * S::F64_LANES;
+            // Groups of nearly equal size: 9 rows are 3 + 3 + 3, not 4 + 4 + 1.
+            let group = (rows - row).div_ceil((rows - row).div_ceil(MAX_ROWS));
+            match group {
+                1 => self.row_block::<S, 1>(simd, row, column, columns),
+                2 => self.row_block::<S, 2>(simd, row, column, columns),
+                3 => self.row_block::<S, 3>(simd, row, column, columns),
+                _ => self.row_block::<S, MAX_ROWS>(simd, row, column, columns),
             }
-            row += 4;
+            row += group;
         }
     }
 }
 
-struct Tiles<'a, S: Simd> {
-    simd: S,
-    accumulate: bool,
-    addends: &'a [Rows<'a>],
-    factors: &'a [(Rows<'a>, Rows<'a>)],
-    /// Vectors in a row of `out`.
-    row_vectors: usize,
-    /// Vectors of a row that are wanted.
-    columns: usize,
-    /// Entries of the last of them that are wanted; 0 for all.
-    rest: usize,
-    out: &'a mut [S::f64s],
-}
-
-impl<S: Simd> Tiles<'_, S> {
-    /// Rows `row..row + ROWS`, from the given vector of columns to the last wanted one. No tile is one vector wide
-    /// unless it must: four sums are too few to keep the multipliers busy.
+impl<const F: usize> SumOfProducts<'_, F> {
+    /// Rows `row..row + ROWS`, columns `column..columns`. No tile is one vector wide unless it must: four sums are too
+    /// few to keep the multipliers busy. Nor are tiles of four rows three wide: with sixteen registers one of their
+    /// twelve sums would live in memory.
     #[inline(always)]
-    fn row_block<const ROWS: usize>(&mut self, row: usize, mut column: usize) {
-        while self.columns - column >= 5 || self.columns - column == 3 {
-            self.tile::<ROWS, 3>(row, column);
-            column += 3;
-        }
-        while self.columns - column >= 2 {
-            self.tile::<ROWS, 2>(row, column);
-            column += 2;
-        }
-        if self.columns > column {
-            self.tile::<ROWS, 1>(row, column);
+    fn row_block<S: Simd, const ROWS: usize>(
+        &mut self,
+        simd: S,
+        row: usize,
+        mut column: usize,
+        columns: usize,
+    ) {
+        while column < columns {
+            let vectors = (columns - column).div_ceil(S::F64_LANES);
+            column += S::F64_LANES
+                * match vectors {
+                    8.. if ROWS == 1 => self.tile::<S, ROWS, 8>(simd, row, column, columns),
+                    4.. if ROWS == 1 => self.tile::<S, ROWS, 4>(simd, row, column, columns),
+                    3 | 5.. if ROWS < MAX_ROWS => self.tile::<S, ROWS, 3>(simd, row, column, columns),
+                    2.. => self.tile::<S, ROWS, 2>(simd, row, column, columns),
+                    _ => self.tile::<S, ROWS, 1>(simd, row, column, columns),
+                };
         }
     }
 
-    /// A single row: wider tiles, for the same reason.
+    /// One tile; gives its width in vectors. Entries from `columns` on are zero.
     #[inline(always)]
-    fn single_row(&mut self, row: usize, mut column: usize) {
-        while self.columns - column >= 12 {
-            self.tile::<1, 12>(row, column);
-            column += 12;
-        }
-        if self.columns - column >= 8 {
-            self.tile::<1, 8>(row, column);
-            column += 8;
-        }
-        if self.columns - column >= 4 {
-            self.tile::<1, 4>(row, column);
-            column += 4;
-        }
-        if self.columns - column >= 2 {
-            self.tile::<1, 2>(row, column);
-            column += 2;
-        }
-        if self.columns > column {
-            self.tile::<1, 1>(row, column);
-        }
-    }
-
-    #[inline(always)]
-    fn tile<const ROWS: usize, const VECTORS: usize>(&mut self, row: usize, column: usize) {
-        let Self {
-            simd, row_vectors, ..
-        } = *self;
+    fn tile<S: Simd, const ROWS: usize, const VECTORS: usize>(
+        &mut self,
+        simd: S,
+        row: usize,
+        column: usize,
+        columns: usize,
+    ) -> usize {
+        let width = VECTORS * S::F64_LANES;
         let mut sums = [[simd.splat_f64s(0.0); VECTORS]; ROWS];
         if self.accumulate {
-            for (i, sums) in sums.iter_mut().enumerate() {
-                sums.copy_from_slice(&self.out[(row + i) * row_vectors + column..][..VECTORS]);
-            }
+            let out = Rows {
+                entries: self.out,
+                stride: self.stride,
+            };
+            sums = add_rows(simd, out, row, column, sums);
         }
-        for addend in self.addends {
-            let (addend, stride) = (S::as_simd_f64s(addend.entries).0, addend.stride / S::F64_LANES);
-            for (i, sums) in sums.iter_mut().enumerate() {
-                let addend = &addend[(row + i) * stride + column..][..VECTORS];
-                for (sum, &addend) in sums.iter_mut().zip(addend) {
-                    *sum = simd.add_f64s(*sum, addend);
-                }
-            }
+        let [first, second] = self.addends;
+        if let Some(addend) = first {
+            sums = add_rows(simd, addend, row, column, sums);
+        }
+        if let Some(addend) = second {
+            sums = add_rows(simd, addend, row, column, sums);
         }
         for (left, right) in self.factors {
-            let (right, right_stride) = (S::as_simd_f64s(right.entries).0, right.stride / S::F64_LANES);
-            // Row by row until either factor ends; `chunks` would divide to count them.
-            let (mut i, mut j) = (row, column);
-            while let (Some(left_row), Some(right_row)) =
-                (left.entries.get(i..i + ROWS), right.get(j..j + VECTORS))
-            {
-                for (sums, &scale) in sums.iter_mut().zip(left_row) {
-                    let scale = simd.splat_f64s(scale);
-                    for (sum, &right) in sums.iter_mut().zip(right_row) {
-                        *sum = simd.mul_add_f64s(scale, right, *sum);
-                    }
-                }
-                i += left.stride;
-                j += right_stride;
-            }
+            sums = add_product(simd, left, right, row, column, sums);
         }
-        if self.rest != 0 && column + VECTORS == self.columns {
-            let wanted = simd.mask_between_m64s(0, self.rest as u64).mask();
+        if column + width > columns {
+            let wanted = simd.mask_between_m64s(0, (columns % S::F64_LANES) as u64).mask();
             for sums in &mut sums {
                 sums[VECTORS - 1] = simd.select_f64s(wanted, sums[VECTORS - 1], simd.splat_f64s(0.0));
             }
         }
         for (i, sums) in sums.iter().enumerate() {
-            self.out[(row + i) * row_vectors + column..][..VECTORS].copy_from_slice(sums);
+            let out = &mut self.out[(row + i) * self.stride + column..][..width];
+            S::as_mut_simd_f64s(out).0.copy_from_slice(sums);
+        }
+        VECTORS
+    }
+}
+
+/// Adds `matrix[row..][column..]`.
+#[inline(always)]
+fn add_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
+    simd: S,
+    matrix: Rows<'_>,
+    row: usize,
+    column: usize,
+    mut sums: [[S::f64s; VECTORS]; ROWS],
+) -> [[S::f64s; VECTORS]; ROWS] {
+    for (i, sums) in sums.iter_mut().enumerate() {
+        let entries = &matrix.entries[(row + i) * matrix.stride + column..][..VECTORS * S::F64_LANES];
+        for (sum, &entry) in sums.iter_mut().zip(S::as_simd_f64s(entries).0) {
+            *sum = simd.add_f64s(*sum, entry);
         }
     }
+    sums
+}
+
+/// Adds `Σ_r left[r][row..] right[r][column..]`, row by row until either factor ends.
+#[inline(always)]
+fn add_product<S: Simd, const ROWS: usize, const VECTORS: usize>(
+    simd: S,
+    left: Rows<'_>,
+    right: Rows<'_>,
+    row: usize,
+    column: usize,
+    mut sums: [[S::f64s; VECTORS]; ROWS],
+) -> [[S::f64s; VECTORS]; ROWS] {
+    let (mut i, mut j) = (row, column);
+    while let (Some(left_row), Some(right_row)) = (
+        left.entries.get(i..i + ROWS),
+        right.entries.get(j..j + VECTORS * S::F64_LANES),
+    ) {
+        let right_row = S::as_simd_f64s(right_row).0;
+        for (sums, &scale) in sums.iter_mut().zip(left_row) {
+            let scale = simd.splat_f64s(scale);
+            for (sum, &right) in sums.iter_mut().zip(right_row) {
+                *sum = simd.mul_add_f64s(scale, right, *sum);
+            }
+        }
+        i += left.stride;
+        j += right.stride;
+    }
+    sums
 }

@@ -232,6 +232,54 @@ fn dense_dynamics_give_the_same_solution() {
     }
 }
 
+/// The same dynamics without second derivatives.
+struct WithoutCurvature<'a, D>(&'a D);
+
+impl<D: Dynamics> Dynamics for WithoutCurvature<'_, D> {
+    fn state_len(&self) -> usize {
+        self.0.state_len()
+    }
+
+    fn command_len(&self) -> usize {
+        self.0.command_len()
+    }
+
+    fn fresh_len(&self) -> usize {
+        self.0.fresh_len()
+    }
+
+    fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
+        self.0.step(knot, state, command, fresh);
+    }
+
+    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
+        self.0.jacobian(knot, state, command, jacobian);
+    }
+}
+
+/// Where a model gives no curvature it is estimated well enough for swings, whose multipliers are large.
+#[test]
+fn models_without_curvature_reach_the_same_optima() {
+    for (name, cost, most_iterations) in [("lem5_ES", 39.05654, 10), ("kick_ES", 887.2412, 100)] {
+        let benchmark = read(name);
+        let hidden = WithoutCurvature(&benchmark.dynamics);
+        let mut solver = Solver::new(&benchmark.problem, &hidden, Options::default()).expect("valid");
+        let solution = solver.solve();
+        assert_eq!(solution.status, Status::Converged, "{name}");
+        verify(name, &benchmark, solution);
+        assert!(
+            (solution.cost - cost).abs() <= 1e-6 * cost,
+            "{name}: {}",
+            solution.cost
+        );
+        assert!(
+            solution.iterations <= most_iterations,
+            "{name}: {}",
+            solution.iterations
+        );
+    }
+}
+
 #[test]
 fn warm_starts_need_fewer_steps() {
     let benchmark = read("kick_ES");

@@ -38,7 +38,8 @@ pub trait Dynamics: Sync {
     }
 
     /// Adds `Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`: full symmetric, n + m rows of
-    /// `stride` entries: n + m rounded up to a multiple of 8. Models without curvature leave it alone.
+    /// `stride` entries: n + m rounded up to a multiple of 8. A model that leaves it alone has its curvature estimated
+    /// from how its Jacobians change.
     fn add_curvature(
         &self,
         knot: usize,

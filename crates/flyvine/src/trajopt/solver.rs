@@ -1,7 +1,7 @@
 //! The solver: augmented-Lagrangian differential dynamic programming.
 //!
-//! Newton's method on the augmented Lagrangian with exact second derivatives, so the last digits of violation and
-//! stationarity come quadratically; a Riccati factorization is used again while it still contracts.
+//! Newton's method on the augmented Lagrangian with second derivatives, so the last digits of violation and
+//! stationarity come quadratically (superlinearly where the model does not give its own); a Riccati factorization is used again while it still contracts.
 
 use std::time::Instant;
 
@@ -80,7 +80,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             constraints: AugmentedLagrangian::new(problem),
             trajectory: Trajectory::new(shape),
             candidate: Trajectory::new(shape),
-            expansion: Expansion::new(shape),
+            expansion: Expansion::new(shape, dynamics, &problem.start),
             adjoint: Adjoint::new(shape),
             policy: Policy::new(shape),
             progress: Progress::new(),
@@ -139,6 +139,9 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
     fn run(&mut self, start: Start<'_>) -> &Solution {
         let started = Instant::now();
         self.progress = Progress::new();
+        if let Some(secant) = &mut self.expansion.secant {
+            secant.reset();
+        }
         if !matches!(start, Start::Previous) {
             self.constraints.reset(self.options.penalty_initial);
         }
@@ -167,6 +170,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
                 return self.stalled();
             }
             self.expand();
+            self.learn_curvature();
             self.progress.reusable &= self.progress.stationarity <= REUSE_CONTRACTION * before;
         }
     }
@@ -179,6 +183,15 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.progress.cost = rollout::cost(self.problem, &self.trajectory);
         let norm = self.adjoint.projected_norm(self.problem, &self.trajectory);
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
+    }
+
+    /// Where the dynamics do not give their curvature, the last step tells of it; `candidate` is where it began.
+    fn learn_curvature(&mut self) {
+        if let Some(secant) = &mut self.expansion.secant
+            && self.progress.iterations > 0
+        {
+            secant.update(&self.candidate, &self.trajectory, &self.adjoint);
+        }
     }
 
     /// `y ← ŷ`, and larger penalties if that does not help enough; a status if the problem is solved or hopeless.
@@ -210,6 +223,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.progress.inner_tolerance = wanted.max(stationarity_tolerance);
         self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
         self.expand();
+        self.learn_curvature();
         None
     }
 

@@ -84,8 +84,7 @@ impl Covariance {
         let stride = self.stride;
         // (F P)ᵀ row by row is what the second product needs on its right.
         kernel::sum_products(
-            &[],
-            &[(
+            [(
                 rows(&self.transition.transposed, stride),
                 rows(&self.matrix, stride),
             )],
@@ -99,12 +98,14 @@ impl Covariance {
             }
         }
         kernel::sum_products(
-            &[],
-            &[(
+            [(
                 rows(&self.transition.transposed, stride),
                 rows(&self.turned, stride),
             )],
-            Wanted::Upper { columns: self.len },
+            Wanted::Upper {
+                first: 0,
+                columns: self.len,
+            },
             stride,
             &mut self.matrix,
         );

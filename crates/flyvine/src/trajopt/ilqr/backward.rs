@@ -100,6 +100,9 @@ pub struct Policy {
     scratch: Scratch,
 }
 
+/// Entries of a commanded position: with a number that the compiler knows, the loops over so few entries cost half.
+const USUAL_COMMAND: usize = 3;
+
 #[derive(Debug, Clone)]
 struct Scratch {
     /// p_{k+1} and p_k, 2 × stride.
@@ -163,13 +166,18 @@ impl Policy {
         for knot in (0..last).rev() {
             let jacobian = trajectory.jacobian(knot);
             let diagonal = expansion.diagonal(knot);
-            if convexification.curvature {
-                let (state, command) = (trajectory.state(knot), trajectory.command(knot));
-                let fresh_costate = &adjoint.costate(knot + 1)[..fresh];
-                let curvature = self.riccati.begin_curved();
-                dynamics.add_curvature(knot, state, command, fresh_costate, stride, curvature);
-            } else {
-                self.riccati.begin();
+            match &expansion.secant {
+                _ if !convexification.curvature => self.riccati.begin(),
+                None => {
+                    let (state, command) = (trajectory.state(knot), trajectory.command(knot));
+                    let fresh_costate = &adjoint.costate(knot + 1)[..fresh];
+                    let curvature = self.riccati.begin_curved();
+                    dynamics.add_curvature(knot, state, command, fresh_costate, stride, curvature);
+                }
+                Some(secant) => match secant.hessian(knot) {
+                    Some(estimate) => self.riccati.begin_curved().copy_from_slice(estimate),
+                    None => self.riccati.begin(),
+                },
             }
             self.command_blocks(knot, jacobian, diagonal, convexification.damping);
             self.prepare_box(problem, trajectory, adjoint, knot);
@@ -240,39 +248,55 @@ impl Policy {
     }
 
     fn minimize(&mut self, knot: usize) -> Result<(), SweepFailure> {
-        let m = self.shape.command;
-        let (vector, matrix) = (knot * m..(knot + 1) * m, knot * m * m..(knot + 1) * m * m);
+        match self.shape.command {
+            USUAL_COMMAND => self.minimize_of(knot, USUAL_COMMAND),
+            m => self.minimize_of(knot, m),
+        }
+    }
+
+    #[inline(always)]
+    fn minimize_of(&mut self, knot: usize, m: usize) -> Result<(), SweepFailure> {
         let Scratch {
             lower,
             upper,
             gradient,
             ..
         } = &self.scratch;
-        for (j, hold) in self.holds[vector.clone()].iter_mut().enumerate() {
+        let (lower, upper, gradient) = (&lower[..m], &upper[..m], &gradient[..m]);
+        let holds = &mut self.holds[knot * m..][..m];
+        for (j, hold) in holds.iter_mut().enumerate() {
             *hold = command_box::initial_hold(lower[j], upper[j], gradient[j]);
         }
         command_box::minimize(
-            &self.hessians[matrix.clone()],
+            &self.hessians[knot * m * m..][..m * m],
             gradient,
             (lower, upper),
-            &mut self.holds[vector.clone()],
-            &mut self.factors[matrix],
-            &mut self.steps[vector],
+            holds,
+            &mut self.factors[knot * m * m..][..m * m],
+            &mut self.steps[knot * m..][..m],
         )?;
         Ok(())
     }
 
     fn minimize_with_old_holds(&mut self, knot: usize) -> Result<(), SweepFailure> {
-        let m = self.shape.command;
-        let (vector, matrix) = (knot * m..(knot + 1) * m, knot * m * m..(knot + 1) * m * m);
+        match self.shape.command {
+            USUAL_COMMAND => self.minimize_with_old_holds_of(knot, USUAL_COMMAND),
+            m => self.minimize_with_old_holds_of(knot, m),
+        }
+    }
+
+    #[inline(always)]
+    fn minimize_with_old_holds_of(&mut self, knot: usize, m: usize) -> Result<(), SweepFailure> {
         let Scratch {
             lower,
             upper,
             gradient,
             ..
         } = &self.scratch;
-        let (hessian, factor) = (&self.hessians[matrix.clone()], &self.factors[matrix]);
-        let (holds, step) = (&self.holds[vector.clone()], &mut self.steps[vector]);
+        let (lower, upper, gradient) = (&lower[..m], &upper[..m], &gradient[..m]);
+        let hessian = &self.hessians[knot * m * m..][..m * m];
+        let factor = &self.factors[knot * m * m..][..m * m];
+        let (holds, step) = (&self.holds[knot * m..][..m], &mut self.steps[knot * m..][..m]);
         command_box::minimize_held(hessian, factor, gradient, (lower, upper), holds, step);
         match command_box::worst_fault(hessian, gradient, (lower, upper), holds, step) {
             Some(_) => Err(SweepFailure::HoldsChanged),
@@ -282,11 +306,17 @@ impl Policy {
 
     /// `K = −Q_uu⁻¹ Q_uz` on the free commands, 0 on the held ones.
     fn feedback(&mut self, knot: usize) {
-        let Shape {
-            command: m, stride, ..
-        } = self.shape;
+        match self.shape.command {
+            USUAL_COMMAND => self.feedback_of(knot, USUAL_COMMAND),
+            m => self.feedback_of(knot, m),
+        }
+    }
+
+    #[inline(always)]
+    fn feedback_of(&mut self, knot: usize, m: usize) {
+        let stride = self.shape.stride;
         let factor = &self.factors[knot * m * m..][..m * m];
-        let inverse = &mut self.scratch.inverse;
+        let inverse = &mut self.scratch.inverse[..m * m];
         command_box::negative_inverse(factor, &self.holds[knot * m..][..m], inverse);
         let rows = knot * m * stride..(knot + 1) * m * stride;
         let (left, right) = (
@@ -299,7 +329,7 @@ impl Policy {
                 stride,
             },
         );
-        kernel::sum_products(&[], &[(left, right)], Wanted::All, stride, &mut self.gains[rows]);
+        kernel::sum_products([(left, right)], Wanted::All, stride, &mut self.gains[rows]);
     }
 
     /// Adds `Q_zu d_k` to p_k and accounts for the step's predicted decrease.

@@ -14,6 +14,7 @@ pub enum Hold {
 
 /// Where to begin: held if the command is on a bound already and wants to leave the box. (From all free, a Hessian
 /// that is indefinite only in held directions would be refused.)
+#[inline(always)]
 pub fn initial_hold(lower: f64, upper: f64, gradient: f64) -> Hold {
     if lower >= 0.0 && gradient > 0.0 {
         Hold::Lower
@@ -30,6 +31,7 @@ pub struct NotPositiveDefinite;
 
 /// Cholesky factor of `hessian` (m × m, row-major, lower triangle read) on the free entries, with the reciprocals of
 /// the diagonal in its place; held rows and columns become those of the identity.
+#[inline(always)]
 pub fn factorize(hessian: &[f64], hold: &[Hold], factor: &mut [f64]) -> Result<(), NotPositiveDefinite> {
     let m = hold.len();
     for i in 0..m {
@@ -60,6 +62,7 @@ pub fn factorize(hessian: &[f64], hold: &[Hold], factor: &mut [f64]) -> Result<(
 const PIVOT_FLOOR: f64 = 1e-13;
 
 /// `x ← L⁻ᵀ L⁻¹ x`.
+#[inline(always)]
 pub fn solve(factor: &[f64], x: &mut [f64]) {
     let m = x.len();
     let rows = factor.chunks_exact(m).enumerate();
@@ -80,6 +83,7 @@ pub fn solve(factor: &[f64], x: &mut [f64]) {
 }
 
 /// `−Q_uu⁻¹` (m × m, symmetric) on the free entries, zero on the held ones.
+#[inline(always)]
 pub fn negative_inverse(factor: &[f64], hold: &[Hold], inverse: &mut [f64]) {
     for (j, column) in inverse.chunks_exact_mut(hold.len()).enumerate() {
         column.fill(0.0);
@@ -91,6 +95,7 @@ pub fn negative_inverse(factor: &[f64], hold: &[Hold], inverse: &mut [f64]) {
 }
 
 /// The minimizer for fixed holds: held entries on their bounds, free ones from the factor.
+#[inline(always)]
 pub fn minimize_held(
     hessian: &[f64],
     factor: &[f64],
@@ -118,6 +123,7 @@ pub fn minimize_held(
 }
 
 /// Whether a step for fixed holds is the minimizer over the box: free entries inside, multipliers rightly signed.
+#[inline(always)]
 pub fn worst_fault(
     hessian: &[f64],
     gradient: &[f64],
@@ -148,6 +154,7 @@ pub fn worst_fault(
 }
 
 /// Minimizes over the box, from the given holds; leaves the holds, the factor of the free block and the step.
+#[inline(always)]
 pub fn minimize(
     hessian: &[f64],
     gradient: &[f64],

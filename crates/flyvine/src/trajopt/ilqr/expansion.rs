@@ -1,8 +1,10 @@
-//! First and second derivatives of the cost along a trajectory.
+//! First and second derivatives of the Lagrangian along a trajectory.
 
 use super::super::Problem;
 use super::super::augmented_lagrangian::AugmentedLagrangian;
+use super::secant::Secant;
 use super::{Shape, Trajectory};
+use crate::trajopt::Dynamics;
 
 /// Derivatives at every knot.
 #[derive(Debug, Clone)]
@@ -12,11 +14,14 @@ pub struct Expansion {
     gradients: Vec<f64>,
     /// Diagonal of `∂²/∂w²` of cost and multiplier terms, N × stride.
     diagonals: Vec<f64>,
+    /// The curvature of dynamics that do not give theirs.
+    pub secant: Option<Secant>,
 }
 
 impl Expansion {
-    pub fn new(shape: Shape) -> Self {
+    pub fn new<D: Dynamics + ?Sized>(shape: Shape, dynamics: &D, start: &[f64]) -> Self {
         Self {
+            secant: (!gives_curvature(shape, dynamics, start)).then(|| Secant::new(shape)),
             shape,
             gradients: vec![0.0; shape.knots * shape.stride],
             diagonals: vec![0.0; shape.knots * shape.stride],
@@ -62,4 +67,12 @@ impl Expansion {
             }
         }
     }
+}
+
+/// Whether the dynamics add second derivatives of their own, as a look at the start tells.
+fn gives_curvature<D: Dynamics + ?Sized>(shape: Shape, dynamics: &D, start: &[f64]) -> bool {
+    let mut hessian = vec![0.0; shape.width() * shape.stride];
+    let (command, adjoint) = (vec![0.0; shape.command], vec![1.0; shape.fresh]);
+    dynamics.add_curvature(0, start, &command, &adjoint, shape.stride, &mut hessian);
+    hessian.iter().any(|&entry| entry != 0.0)
 }

@@ -10,6 +10,7 @@ pub(super) mod expansion;
 pub(super) mod forward;
 pub(super) mod riccati;
 pub(super) mod rollout;
+pub(super) mod secant;
 
 use super::{Dynamics, Problem};
 use crate::kernel;
@@ -73,6 +74,11 @@ impl Trajectory {
             jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
             compact: vec![0.0; shape.fresh * shape.width()],
         }
+    }
+
+    /// `w_k`, padded.
+    pub fn point(&self, knot: usize) -> &[f64] {
+        &self.points[knot * self.shape.stride..][..self.shape.stride]
     }
 
     pub fn state(&self, knot: usize) -> &[f64] {

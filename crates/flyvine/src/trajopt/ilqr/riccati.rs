@@ -5,22 +5,48 @@
 //! ```text
 //! W = P₁₁ C + P₁₂ S
 //! [Q_uz Q_uu] = Bᵀ W + [L_uz L_uu],   K = −Q_uu⁻¹ Q_uz
-//! P ← L_zz + Sᵀ P₂₂ S + Aᵀ W + (P₁₂ S)ᵀ A + Kᵀ Q_uz
+//! P ← L_zz + Sᵀ P₂₂ S + Wᵀ A + Aᵀ (P₁₂ S) + Kᵀ Q_uz
 //! ```
 //!
-//! S only selects, so products with it are copies: for three lags of nine entries and three commands this costs
-//! 23 kflop instead of the 110 of dense matrices. Only upper triangles are computed and read, so P is symmetric by
-//! construction; an antisymmetric part would grow from knot to knot.
+//! S only selects, so products with it are copies, and the last `fresh` columns of `P₁₂ S` are zero: for three lags of
+//! nine entries and three commands this costs 19 kflop instead of the 110 of dense matrices. Only upper triangles are
+//! computed and read, so P is symmetric by construction; an antisymmetric part would grow from knot to knot.
 
 use super::Shape;
-use crate::kernel::{self, Rows, Wanted};
+use crate::kernel::{self, Rows, SumOfProducts, Wanted};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Lengths of the recursion's matrices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Sizes {
+    state: usize,
+    command: usize,
+    fresh: usize,
+    /// Length of a row over `w = (z, u)`.
+    stride: usize,
+    /// Length of a row of P.
+    value_stride: usize,
+}
+
+impl Sizes {
+    /// Three lags of nine entries and three commands.
+    const USUAL: Self = Self::new(27, 3, 9);
+
+    const fn new(state: usize, command: usize, fresh: usize) -> Self {
+        Self {
+            state,
+            command,
+            fresh,
+            stride: kernel::padded(state + command),
+            value_stride: kernel::padded(fresh + state + command),
+        }
+    }
+}
 
 /// Value Hessian and scratch of the recursion.
 #[derive(Debug, Clone)]
 pub struct Riccati {
-    shape: Shape,
-    /// Length of a row of P.
-    value_stride: usize,
+    sizes: Sizes,
     /// P of the later knot, upper triangle, with zeros to the right and below: so `P₁₂ S` and `Sᵀ P₂₂ S` are P itself,
     /// read from column `fresh` on, or from row and column `fresh` on.
     value: Vec<f64>,
@@ -38,15 +64,18 @@ pub struct Riccati {
 
 impl Riccati {
     pub fn new(shape: Shape) -> Self {
-        let Shape {
-            state, fresh, stride, ..
-        } = shape;
-        let value_stride = kernel::padded(fresh + shape.width());
+        let sizes = Sizes::new(shape.state, shape.command, shape.fresh);
+        let Sizes {
+            state,
+            fresh,
+            stride,
+            value_stride,
+            ..
+        } = sizes;
         let value = vec![0.0; (fresh + state + 1) * value_stride];
         let rows = vec![0.0; fresh * stride];
         Self {
-            shape,
-            value_stride,
+            sizes,
             value: value.clone(),
             next_value: value,
             curvature: vec![0.0; shape.width() * stride],
@@ -59,8 +88,8 @@ impl Riccati {
     /// `P_N = diag(l_zz)`.
     pub fn start(&mut self, diagonal: &[f64]) {
         self.value.fill(0.0);
-        for i in 0..self.shape.state {
-            self.value[i * self.value_stride + i] = diagonal[i];
+        for i in 0..self.sizes.state {
+            self.value[i * self.sizes.value_stride + i] = diagonal[i];
         }
     }
 
@@ -85,76 +114,196 @@ impl Riccati {
         command_hessian: &mut [f64],
         cross: &mut [f64],
     ) {
-        let Shape {
-            state: n,
-            command: m,
-            fresh,
-            stride,
-            ..
-        } = self.shape;
-        for i in 0..fresh {
-            let row = &self.value[i * self.value_stride..][i..fresh];
-            self.fresh_block[i * stride + i..][..row.len()].copy_from_slice(row);
-            let column = self.fresh_block[i * stride + i..].iter_mut().step_by(stride);
-            for (entry, &value) in column.zip(row) {
-                *entry = value;
-            }
-        }
-        let rows = |entries| Rows { entries, stride };
-        let shifted = Rows {
-            entries: &self.value[fresh..],
-            stride: self.value_stride,
-        };
-        let factors = [(rows(&self.fresh_block), rows(jacobian))];
-        kernel::sum_products(&[shifted], &factors, Wanted::All, stride, &mut self.product);
-        let factors = [(rows(&jacobian[n..]), rows(&self.product))];
-        let curvature = [rows(&self.curvature[n * stride..])];
-        let addends = &curvature[..usize::from(self.curved)];
-        kernel::sum_products(addends, &factors, Wanted::All, stride, cross);
-        let hessian_rows = command_hessian.chunks_exact_mut(m);
-        for (j, (row, hessian)) in cross.chunks_exact_mut(stride).zip(hessian_rows).enumerate() {
-            hessian.copy_from_slice(&row[n..n + m]);
-            hessian[j] += diagonal[n + j];
-            row[n..].fill(0.0);
-        }
+        Arch::new().dispatch(CommandBlocks {
+            riccati: self,
+            jacobian,
+            diagonal,
+            command_hessian,
+            cross,
+        });
     }
 
     /// P of this knot, with `gains = −Q_uu⁻¹ Q_uz` on the free commands and 0 on the held ones, m × stride as `cross`.
     pub fn finish(&mut self, jacobian: &[f64], diagonal: &[f64], gains: &[f64], cross: &[f64]) {
-        let Shape {
-            state, fresh, stride, ..
-        } = self.shape;
-        let value_stride = self.value_stride;
-        let rows = |entries| Rows { entries, stride };
-        let value = |from: usize| Rows {
-            entries: &self.value[from..],
-            stride: value_stride,
-        };
-        let addends = [value(fresh * value_stride + fresh), rows(&self.curvature)];
-        let addends = &addends[..1 + usize::from(self.curved)];
-        let factors = [
-            (rows(jacobian), rows(&self.product)),
-            (value(fresh), rows(jacobian)),
-            (rows(gains), rows(cross)),
-        ];
-        let out = &mut self.next_value[..state * value_stride];
-        kernel::sum_products(
-            addends,
-            &factors,
-            Wanted::Upper { columns: state },
-            value_stride,
-            out,
-        );
-        for (entry, extra) in out.iter_mut().step_by(value_stride + 1).zip(diagonal) {
-            *entry += extra;
-        }
+        Arch::new().dispatch(Finish {
+            riccati: self,
+            jacobian,
+            diagonal,
+            gains,
+            cross,
+        });
         std::mem::swap(&mut self.value, &mut self.next_value);
     }
 
     /// P's entry, `i ≤ j`.
     #[cfg(test)]
     pub fn value(&self, i: usize, j: usize) -> f64 {
-        self.value[i * self.value_stride + j]
+        self.value[i * self.sizes.value_stride + j]
+    }
+}
+
+/// [`Riccati::command_blocks`].
+struct CommandBlocks<'a> {
+    riccati: &'a mut Riccati,
+    jacobian: &'a [f64],
+    diagonal: &'a [f64],
+    command_hessian: &'a mut [f64],
+    cross: &'a mut [f64],
+}
+
+impl WithSimd for CommandBlocks<'_> {
+    type Output = ();
+
+    /// Sizes that the compiler knows save a fifth of the time.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match self.riccati.sizes {
+            Sizes::USUAL => self.run(simd, Sizes::USUAL),
+            sizes => self.run(simd, sizes),
+        }
+    }
+}
+
+impl CommandBlocks<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S, sizes: Sizes) {
+        let Sizes {
+            state: n,
+            command: m,
+            fresh,
+            stride,
+            value_stride,
+        } = sizes;
+        let Riccati {
+            value,
+            curvature,
+            curved,
+            fresh_block,
+            product,
+            ..
+        } = self.riccati;
+        for (i, row) in fresh_block.chunks_exact_mut(stride).enumerate() {
+            let (below, above) = row[..fresh].split_at_mut(i);
+            above.copy_from_slice(&value[i * value_stride + i..][..fresh - i]);
+            for (j, entry) in below.iter_mut().enumerate() {
+                *entry = value[j * value_stride + i];
+            }
+        }
+        let rows = |entries| Rows { entries, stride };
+        let shifted = Rows {
+            entries: &value[fresh..],
+            stride: value_stride,
+        };
+        SumOfProducts {
+            accumulate: false,
+            addends: [Some(shifted), None],
+            factors: [(rows(fresh_block), rows(self.jacobian))],
+            wanted: Wanted::All,
+            stride,
+            out: product,
+        }
+        .with_simd(simd);
+        SumOfProducts {
+            accumulate: false,
+            addends: [curved.then(|| rows(&curvature[n * stride..])), None],
+            factors: [(rows(&self.jacobian[n..]), rows(product))],
+            wanted: Wanted::All,
+            stride,
+            out: self.cross,
+        }
+        .with_simd(simd);
+        let hessian_rows = self.command_hessian.chunks_exact_mut(m);
+        for (j, (row, hessian)) in self.cross.chunks_exact_mut(stride).zip(hessian_rows).enumerate() {
+            hessian.copy_from_slice(&row[n..n + m]);
+            hessian[j] += self.diagonal[n + j];
+            row[n..].fill(0.0);
+        }
+    }
+}
+
+/// [`Riccati::finish`].
+struct Finish<'a> {
+    riccati: &'a mut Riccati,
+    jacobian: &'a [f64],
+    diagonal: &'a [f64],
+    gains: &'a [f64],
+    cross: &'a [f64],
+}
+
+impl WithSimd for Finish<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        match self.riccati.sizes {
+            Sizes::USUAL => self.run(simd, Sizes::USUAL),
+            sizes => self.run(simd, sizes),
+        }
+    }
+}
+
+impl Finish<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S, sizes: Sizes) {
+        let Sizes {
+            state,
+            fresh,
+            stride,
+            value_stride,
+            ..
+        } = sizes;
+        let Riccati {
+            value,
+            next_value,
+            curvature,
+            curved,
+            product,
+            ..
+        } = self.riccati;
+        let rows = |entries| Rows { entries, stride };
+        let value = |from: usize| Rows {
+            entries: &value[from..],
+            stride: value_stride,
+        };
+        let addends = [
+            Some(value(fresh * value_stride + fresh)),
+            curved.then(|| rows(curvature)),
+        ];
+        let factors = [
+            (rows(self.jacobian), value(fresh)),
+            (rows(product), rows(self.jacobian)),
+            (rows(self.gains), rows(self.cross)),
+        ];
+        let out = &mut next_value[..state * value_stride];
+        // Beyond these columns P₁₂ S is zero.
+        let split = (state - fresh).next_multiple_of(S::F64_LANES);
+        SumOfProducts {
+            accumulate: false,
+            addends,
+            factors,
+            wanted: Wanted::Upper {
+                first: 0,
+                columns: split.min(state),
+            },
+            stride: value_stride,
+            out,
+        }
+        .with_simd(simd);
+        SumOfProducts {
+            accumulate: false,
+            addends,
+            factors: [factors[1], factors[2]],
+            wanted: Wanted::Upper {
+                first: split,
+                columns: state,
+            },
+            stride: value_stride,
+            out,
+        }
+        .with_simd(simd);
+        for (i, row) in out.chunks_exact_mut(value_stride).enumerate() {
+            row[i] += self.diagonal[i];
+        }
     }
 }
 
@@ -213,12 +362,12 @@ mod tests {
     }
 
     fn structured_step(riccati: &mut Riccati, diagonal: &[f64], jacobian: &[f64]) {
-        let Shape {
+        let Sizes {
             state: n,
             command: m,
             stride,
             ..
-        } = riccati.shape;
+        } = riccati.sizes;
         let (mut command_hessian, mut cross) = (vec![0.0; m * m], vec![0.0; m * stride]);
         riccati.begin();
         riccati.command_blocks(jacobian, diagonal, &mut command_hessian, &mut cross);
