@@ -7,7 +7,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use flyvine::flight::{Configuration, Flight, Pose, Reading, Recording, RecordingRow, quaternion, resample};
+use flyvine::flight::{
+    Configuration, Flight, Pose, Reading, Recording, RecordingRow, quaternion, resample, sound_mcap,
+};
 use mcap::{Message, MessageStream};
 use serde::Deserialize;
 
@@ -66,7 +68,7 @@ fn rows(bytes: &[u8], topics: &Topics) -> Result<Vec<RecordingRow>> {
     };
     let mut rows: BTreeMap<i64, RecordingRow> = BTreeMap::new();
     let mut counts = [0; 3];
-    for message in MessageStream::new(bytes)? {
+    for message in MessageStream::new(sound_mcap(bytes))? {
         let message = message?;
         let topic = &message.channel.topic;
         let all = [&topics.quadrotor, &topics.end_effector, &topics.command];

@@ -188,11 +188,15 @@ fn fly_real(plan: &Plan, flying: &Flying, address: &str, arguments: &FlyArgument
     let recording = arguments.out.with_extension("mcap");
     let (autopilot, live) = (&arguments.autopilot, &arguments.live);
     let flight = fly_on_autopilot(plan, flying, address, autopilot, live, &recording)?;
-    let Some(outcome) = flight.outcome else {
+    let Some(mut outcome) = flight.outcome else {
         return Ok(flight.ended);
     };
     say(&format!("wrote {}", recording.display()));
     if arguments.out != recording {
+        // The same rows; with a full disk, what the flight loop has of them.
+        if let Ok(flight) = read_flight(&recording) {
+            outcome.flight = flight;
+        }
         write_recording(&arguments.out, &outcome)?;
     }
     Ok(say_outcome(&outcome))

@@ -35,6 +35,7 @@ mod report;
 mod score;
 mod solve;
 mod sweep;
+mod ulog;
 mod view;
 
 use std::process::ExitCode;

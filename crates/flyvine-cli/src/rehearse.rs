@@ -19,9 +19,10 @@ use flyvine::run::score_flight;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{Plan, PlanOptions, Task, make_plan, read_plan, write_plan};
 use flyvine_link::autopilot::TickReport;
-use flyvine_link::rehearsal::{FaultKind, rig_bodies, wired_limits};
+use flyvine_link::rehearsal::{FaultKind, PhasedVehicle, rig_bodies, wired_limits};
 use rustix::process::{Pid, Signal, kill_process};
 use serde::Serialize;
+use serde_json::Value;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::console::{centimetres, print, print_json, say, table};
@@ -47,9 +48,9 @@ const AROUND_THE_PLAN: Duration = Duration::from_secs(120);
 /// motion-capture server (VRPN or NatNet), and the arm (its own protocol on a serial line); the base station is
 /// `flyvine fly`, as in a laboratory.
 ///
-/// The flight is recorded in DIR/flight.mcap, scored and compared with the same plan flown in lockstep. A script makes
-/// things go wrong (mocap stale, frozen, jumping, swapped or NaN, link lost or reordering, autopilot rebooting, arm silent,
-/// processes killed, …):
+/// The flight is recorded in DIR/flight.mcap, scored and compared with the same plan flown in lockstep by a vehicle with the same
+/// seed, whose set-points wait as long for its position loop. A script makes things go wrong (mocap stale, frozen, jumping,
+/// swapped or NaN, link lost or reordering, autopilot rebooting, arm silent, processes killed, …):
 ///
 ///   [[fault]]
 ///   kind = "mocap-frozen"      # also: link-loss, autopilot-reboot, arm-silent, base-killed, vehicle-killed, …
@@ -122,8 +123,8 @@ pub fn run(arguments: &RehearseArguments) -> CommandResult {
         std::fs::copy(path, folder.join("fault.toml")).or_internal()?;
     }
 
-    let in_process = fly_in_process(folder, &plan, arguments.rig.seed)?;
     let base_exit_code = fly_over_sockets(folder, &plan, arguments)?;
+    let in_process = fly_in_process(folder, &plan, arguments.rig.seed, loop_phase_s(folder))?;
     let over_sockets = recorded_flight(&folder.join("flight.mcap"))?.and_then(|flight| {
         // Ticks that were missed leave rows that are nobody's knot.
         let score = score_flight(&plan, &flight);
@@ -163,8 +164,22 @@ fn plan(arguments: &RehearseArguments) -> Result<Plan, Failure> {
     make_plan(&task, &read_bank(bank, false)?, &PlanOptions::default()).or_input()
 }
 
-fn fly_in_process(folder: &Path, plan: &Plan, seed: u64) -> Result<Score, Failure> {
-    let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+/// How long after a run of the vehicle's position loop its set-points came, s, by its own account; 0 without a flight.
+fn loop_phase_s(folder: &Path) -> f64 {
+    let events = std::fs::read_to_string(folder.join("vehicle.jsonl")).unwrap_or_default();
+    let events = events
+        .lines()
+        .filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let flight = events.into_iter().find(|event| event["phase"] == "flight");
+    flight
+        .and_then(|event| event["loop_phase_s"].as_f64())
+        .unwrap_or(0.0)
+}
+
+/// Flies the plan in lockstep, with the phase of the flight over the sockets.
+fn fly_in_process(folder: &Path, plan: &Plan, seed: u64, loop_phase_s: f64) -> Result<Score, Failure> {
+    let vehicle = SimulatedVehicle::new(VehicleParameters::default()).or_internal()?;
+    let mut vehicle = PhasedVehicle::new(vehicle, loop_phase_s);
     let outcome = fly_plan(
         plan,
         &Flying::default(),

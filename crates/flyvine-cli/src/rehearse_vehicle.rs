@@ -160,7 +160,9 @@ pub fn run(arguments: &RehearseVehicleArguments) -> CommandResult {
     };
     serve(&mut rig, &mut ends, &stop, &mut |t_s, event| {
         let line = match event {
-            RigEvent::Phase(phase) => serde_json::json!({ "t_s": t_s, "phase": phase }),
+            RigEvent::Phase { phase, loop_phase_s } => {
+                serde_json::json!({ "t_s": t_s, "phase": phase, "loop_phase_s": loop_phase_s })
+            }
             RigEvent::Fault(fault) => serde_json::json!({ "t_s": t_s, "fault": fault }),
         };
         // Whoever started it may be gone; the vehicle flies on.

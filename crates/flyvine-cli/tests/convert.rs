@@ -1,6 +1,8 @@
-//! `flyvine convert` between CSV, MCAP and Parquet.
+//! `flyvine convert` between CSV, MCAP and Parquet, and from others' recordings.
 
 #![allow(clippy::print_stdout)] // a skip
+
+mod ulog;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -9,4 +9,6 @@ pub mod mocap;
 pub mod onboard;
 pub mod recording;
 pub mod rehearsal;
+#[cfg(feature = "ros2")]
+pub mod ros2;
 mod worker;

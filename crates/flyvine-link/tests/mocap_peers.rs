@@ -1,4 +1,4 @@
-//! Our motion-capture servers, read by clients that others wrote.
+//! Our motion-capture servers, read by clients that others wrote, and our VRPN client before the VRPN project's own server.
 //!
 //! They need a Python with the package `motioncapture`: the one that FLYVINE_PEERS_PYTHON names, or `python3`. Where it
 //! has none, the tests print that they skip; with FLYVINE_REQUIRE_PEERS=1 they fail.
@@ -7,12 +7,14 @@
 
 mod common;
 
-use std::path::Path;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use common::{ANY_PORT, MovingBodies, free_udp_port};
-use flyvine_link::mocap::MocapServer;
+use common::{ANY_PORT, MovingBodies, free_udp_port, wait_until};
+use flyvine_link::mocap::{Bodies, Frame, HygieneLimits, Incoming, MocapServer, MocapSource, Sink};
 
 /// The Python that has `motioncapture`; `None` if the test shall skip.
 fn python() -> Option<String> {
@@ -33,12 +35,17 @@ fn python() -> Option<String> {
     None
 }
 
+fn script(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests/peers")
+        .join(name)
+}
+
 /// What `motioncapture` sees of the server: both bodies, where they are.
 fn check(kind: &str, options: &[String], bodies: &MovingBodies) {
     let Some(python) = python() else { return };
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/motioncapture_reads.py");
     let mut child = Command::new(python)
-        .arg(script)
+        .arg(script("motioncapture_reads.py"))
         .arg(kind)
         .args(options)
         .stdout(Stdio::piped())
@@ -93,4 +100,71 @@ fn motioncapture_reads_our_natnet_server() {
         format!("port_command={}", address.port()),
     ];
     check("optitrack", &options, &bodies);
+}
+
+/// `motioncapture` carries the VRPN library, server and all: what it sends, we read, at the times that it says.
+#[test]
+fn our_client_reads_the_vrpn_projects_server() {
+    let Some(python) = python() else { return };
+    let port = free_udp_port();
+    let mut server = Command::new(python)
+        .arg(script("vrpn_serves.py"))
+        .arg(port.to_string())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(server.stdout.take().unwrap()).lines();
+    assert_eq!(said.next().unwrap().unwrap(), "ready");
+    for address in [
+        format!("vrpn:127.0.0.1:{port}"),
+        format!("vrpn:tcp://127.0.0.1:{port}"),
+    ] {
+        let frames: Arc<Mutex<Vec<Frame>>> = Arc::default();
+        let heard = Arc::clone(&frames);
+        let tap: Sink = Arc::new(move |incoming| {
+            if let Incoming::Frame(frame, _) = incoming {
+                heard.lock().unwrap().push(frame);
+            }
+        });
+        let bodies = Some(Bodies::named("drone", "tip"));
+        let source = MocapSource::start(
+            &address.parse().unwrap(),
+            bodies,
+            HygieneLimits::default(),
+            Some(tap),
+        )
+        .unwrap();
+        wait_until("poses of the VRPN project's server", || {
+            frames.lock().unwrap().len() > 100
+        });
+        let latest = source.latest(Instant::now());
+        assert!(
+            latest.quadrotor.is_some() && latest.end_effector.is_some(),
+            "{address}"
+        );
+        let server_name = source.status(Instant::now()).server;
+        assert!(server_name.contains("VRPN 07."), "{server_name}");
+        drop(source);
+        for frame in frames.lock().unwrap().iter() {
+            let [body] = &frame.bodies[..] else {
+                panic!("{address}: {frame:?}");
+            };
+            let angle = frame.captured_s % 1000.0;
+            let height_m = if body.name == "drone" { 1.5 } else { 0.8 };
+            let expected = [angle.cos(), angle.sin(), height_m];
+            // Stamps are whole microseconds.
+            let near = (0..3).all(|i| (body.position[i] - expected[i]).abs() < 3e-6);
+            assert!(near, "{address}: {frame:?}");
+            let half = 0.5_f64.sqrt();
+            let turned = [half, 0.0, 0.0, half];
+            assert!(
+                (0..4).all(|i| (body.attitude[i] - turned[i]).abs() < 1e-12),
+                "{address}: {frame:?}"
+            );
+        }
+    }
+    drop(server.stdin.take());
+    server.wait().unwrap();
 }

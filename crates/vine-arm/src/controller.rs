@@ -259,9 +259,12 @@ impl Controller {
         let growth_duty = self.growth.duty(&self.limits, dt_s, self.rate_m_s, measured_m);
         // Without a sensor there is no pressure control here.
         let air = match sensors.pressure_kpa {
-            Some(pressure_kpa) => self
-                .pumps
-                .control(&self.limits, pressure_kpa, self.setpoint.pressure_kpa),
+            Some(pressure_kpa) => self.pumps.control(
+                &self.limits,
+                pressure_kpa,
+                self.setpoint.pressure_kpa,
+                self.rate_m_s > 0.0,
+            ),
             None => Air::Off,
         };
         Actuators { growth_duty, air }

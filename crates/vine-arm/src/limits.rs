@@ -27,8 +27,11 @@ pub struct Limits {
     pub hysteresis_kpa: f32,
     /// Shortest run of the pumps or the vent, s (chosen; stopping for safety does not wait).
     pub min_on_s: f32,
-    /// Shortest rest between two runs, and between pumps and vent, s (chosen).
+    /// Shortest rest between two runs of the pumps, or of the vent, s (chosen: a tube that grows at the paper's deployment's
+    /// 1.5 cm/s takes up 0.17 kPa in 0.1 s without pumps, and a hysteresis' worth in this).
     pub min_off_s: f32,
+    /// Shortest rest between pumps and vent, s (chosen).
+    pub changeover_s: f32,
     /// Longest run of the pumps without reaching the set-point, s (chosen: filling a limp tube of 1 m takes 50 s).
     pub pump_timeout_s: f32,
     /// Whether there is a vent valve or a deflating pump. The prototype has none: it leaks.
@@ -53,7 +56,8 @@ impl Default for Limits {
             over_pressure_kpa: 2.5,
             hysteresis_kpa: 0.02,
             min_on_s: 0.02,
-            min_off_s: 0.1,
+            min_off_s: 0.02,
+            changeover_s: 0.1,
             pump_timeout_s: 90.0,
             has_vent: false,
             stall_travel_m: 0.01,
@@ -117,6 +121,7 @@ impl Limits {
         )?;
         check("min_on_s", self.min_on_s, 0.0, 10.0)?;
         check("min_off_s", self.min_off_s, 0.0, 10.0)?;
+        check("changeover_s", self.changeover_s, 0.0, 10.0)?;
         check("pump_timeout_s", self.pump_timeout_s, self.min_on_s, 3600.0)?;
         check("stall_travel_m", self.stall_travel_m, 0.0, 1.0)?;
         check("watchdog_s", self.watchdog_s, 0.0, 0.3)

@@ -26,11 +26,14 @@ impl Air {
 
 /// The pumps' controller.
 ///
-/// Interlocks: pumps and vent rest for [`Limits::min_off_s`] after every run, whoever ended it, so they never follow
-/// each other at once; a run lasts [`Limits::min_on_s`] unless it is [shut off](Pumps::shut_off).
+/// Interlocks: pumps and vent rest for [`Limits::min_off_s`] after every run, whoever ended it, and for
+/// [`Limits::changeover_s`] before they follow each other; a run lasts [`Limits::min_on_s`] unless it is
+/// [shut off](Pumps::shut_off).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pumps {
     air: Air,
+    /// What ran last; off before the first run.
+    last: Air,
     /// Since the last change, s.
     since_change_s: f32,
 }
@@ -40,6 +43,7 @@ impl Default for Pumps {
     fn default() -> Self {
         Pumps {
             air: Air::Off,
+            last: Air::Off,
             since_change_s: f32::MAX,
         }
     }
@@ -66,27 +70,43 @@ impl Pumps {
     }
 
     /// One decision at `pressure_kpa` for `setpoint_kpa`: start below the set-point minus the hysteresis, stop above
-    /// it plus the hysteresis. The vent, where there is one, opens at three times the hysteresis above and closes at
-    /// once, so that it never chases the pumps' own overshoot.
-    pub fn control(&mut self, limits: &Limits, pressure_kpa: f32, setpoint_kpa: f32) -> Air {
+    /// it plus the hysteresis. A tube that grows falls through the band by itself, limp where the pumps come late: there
+    /// they start below the set-point. The vent, where there is one, opens at three times the hysteresis above and closes
+    /// at once, so that it never chases the pumps' own overshoot.
+    pub fn control(
+        &mut self,
+        limits: &Limits,
+        pressure_kpa: f32,
+        setpoint_kpa: f32,
+        is_growing: bool,
+    ) -> Air {
         let above = pressure_kpa - setpoint_kpa;
+        let start = if is_growing { 0.0 } else { -limits.hysteresis_kpa };
         let wanted = match self.air {
-            Air::Off if setpoint_kpa > 0.0 && above < -limits.hysteresis_kpa => Air::Inflate,
+            Air::Off if setpoint_kpa > 0.0 && above < start => Air::Inflate,
             Air::Off if limits.has_vent && above > 3.0 * limits.hysteresis_kpa => Air::Vent,
             // A set-point of zero is "off": otherwise the pumps would idle around a limp tube.
             Air::Inflate if setpoint_kpa <= 0.0 || above > limits.hysteresis_kpa => Air::Off,
             Air::Vent if above < limits.hysteresis_kpa => Air::Off,
             unchanged => unchanged,
         };
-        let shortest = if self.air == Air::Off {
-            limits.min_off_s
-        } else {
-            limits.min_on_s
+        let shortest = match self.air {
+            Air::Off => self.rest_s(limits, wanted),
+            Air::Inflate | Air::Vent => limits.min_on_s,
         };
         if wanted != self.air && self.since_change_s >= shortest {
             self.change(wanted);
         }
         self.air
+    }
+
+    /// The rest before `next` may run, s.
+    fn rest_s(&self, limits: &Limits, next: Air) -> f32 {
+        if self.last == next {
+            limits.min_off_s
+        } else {
+            limits.changeover_s
+        }
     }
 
     /// Stops at once: safety does not wait for a shortest run.
@@ -100,12 +120,18 @@ impl Pumps {
     pub fn relieve(&mut self, limits: &Limits) {
         if self.air == Air::Inflate {
             self.shut_off();
-        } else if self.air == Air::Off && limits.has_vent && self.since_change_s >= limits.min_off_s {
+        } else if self.air == Air::Off
+            && limits.has_vent
+            && self.since_change_s >= self.rest_s(limits, Air::Vent)
+        {
             self.change(Air::Vent);
         }
     }
 
     fn change(&mut self, air: Air) {
+        if self.air != Air::Off {
+            self.last = self.air;
+        }
         self.air = air;
         self.since_change_s = 0.0;
     }
@@ -120,7 +146,7 @@ mod tests {
     fn run(pumps: &mut Pumps, limits: &Limits, seconds: f32, pressure_kpa: f32, setpoint_kpa: f32) -> Air {
         for _ in 0..(seconds / DT) as u32 {
             pumps.elapse(DT);
-            pumps.control(limits, pressure_kpa, setpoint_kpa);
+            pumps.control(limits, pressure_kpa, setpoint_kpa, false);
         }
         pumps.air()
     }
@@ -133,6 +159,17 @@ mod tests {
         assert_eq!(run(&mut pumps, &limits, 1.0, 0.37, 0.4), Air::Inflate);
         assert_eq!(run(&mut pumps, &limits, 1.0, 0.41, 0.4), Air::Inflate);
         assert_eq!(run(&mut pumps, &limits, 1.0, 0.43, 0.4), Air::Off);
+    }
+
+    #[test]
+    fn a_growing_tube_is_filled_from_the_set_point_on() {
+        let limits = Limits::default();
+        let mut pumps = Pumps::default();
+        pumps.elapse(DT);
+        assert_eq!(pumps.control(&limits, 0.39, 0.4, false), Air::Off);
+        assert_eq!(pumps.control(&limits, 0.39, 0.4, true), Air::Inflate);
+        assert_eq!(run(&mut pumps, &limits, 0.1, 0.43, 0.4), Air::Off);
+        assert_eq!(pumps.control(&limits, 0.0, 0.0, true), Air::Off, "zero is off");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The controller through its public interface, one rule at a time.
 
+use vine_arm::plant::{Plant, PlantParameters};
 use vine_arm::{Actuators, Air, Controller, Fault, Limits, Refusal, Request, Sensors, Setpoint, State};
 
 const DT: f32 = 0.005;
@@ -219,6 +220,36 @@ fn pumps_that_never_reach_the_pressure_are_ineffective() {
     }
     assert_eq!(rig.controller.state(), State::Fault(Fault::PumpsIneffective));
     assert!((89.0..91.0).contains(&seconds), "{seconds}");
+}
+
+/// The paper's deployment, Sec. IV-C: 0.7 m to 1 m and 0 to 0.4 kPa in 20 s. Growth takes up seven tenths of what the pumps give, so
+/// that every rest of theirs costs pressure.
+#[test]
+fn the_pressure_follows_the_plan_while_the_arm_grows() {
+    let mut rig = Rig::new(Limits::default());
+    let mut plant = Plant::at(PlantParameters::default(), 0.7);
+    rig.steps(DT, plant.sensors());
+    let (mut worst, mut sum, mut count) = (0.0_f32, 0.0, 0);
+    for knot in 0..400 {
+        let planned_kpa = 0.4 * knot as f32 / 399.0;
+        rig.ask(setpoint(0.015, planned_kpa)).unwrap();
+        for _ in 0..10 {
+            let actuators = rig.controller.step(DT, plant.sensors());
+            plant.step(DT, actuators);
+            // The tube is limp until the pumps have made up for its first growth.
+            if knot >= 40 {
+                let error = plant.pressure_kpa - planned_kpa;
+                worst = worst.max(error.abs());
+                (sum, count) = (sum + error, count + 1);
+            }
+        }
+    }
+    let mean = sum / count as f32;
+    assert!((plant.length_m - 1.0).abs() < 0.003, "{}", plant.length_m);
+    assert!(
+        mean.abs() < 0.01 && worst < 0.04,
+        "mean {mean}, worst {worst} kPa"
+    );
 }
 
 #[test]

@@ -54,7 +54,7 @@ proptest! {
     ) {
         let limits = Limits { has_vent, ..Limits::default() };
         let mut controller = Controller::new(limits).unwrap();
-        let (mut air, mut since_air) = (Air::Off, f32::MAX);
+        let (mut air, mut last, mut since_air) = (Air::Off, Air::Off, f32::MAX);
         for (request, sensors, steps) in script {
             if let Some((sequence, request)) = request {
                 let _ = controller.request(sequence, &request);
@@ -78,7 +78,9 @@ proptest! {
                 }
                 if actuators.air != air {
                     if air == Air::Off {
-                        prop_assert!(since_air >= limits.min_off_s - DT);
+                        let rest_s = if actuators.air == last { limits.min_off_s } else { limits.changeover_s };
+                        prop_assert!(since_air >= rest_s - DT);
+                        last = actuators.air;
                     } else {
                         prop_assert_eq!(actuators.air, Air::Off);
                     }

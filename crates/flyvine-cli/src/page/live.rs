@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use flyvine::flight::Flight;
 use flyvine::task::Plan;
+#[cfg(feature = "ros2")]
+use flyvine_link::ros2::{RosAddress, RosPublisher, TOPICS};
 
 use super::broadcast::{Broadcast, LiveEnd, LiveFeed, LiveRow};
 use super::content::{PageFlight, page_content};
@@ -36,12 +38,21 @@ pub struct LiveArguments {
     /// Offer the flight to Foxglove (open connection, ws://127.0.0.1:PORT); a simulated vehicle flies in real time.
     #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "8765")]
     foxglove: Option<u16>,
+    /// Publish poses, set-points and what the arm is told as topics of ROS 2, in this domain; on loopback, unless this
+    /// machine's address in another network is named. A simulated vehicle flies in real time.
+    #[cfg(feature = "ros2")]
+    #[arg(long, value_name = "DOMAIN[@ADDRESS]", num_args = 0..=1, default_missing_value = "0")]
+    ros2: Option<RosAddress>,
 }
 
 impl LiveArguments {
     /// Whether somebody shall be able to watch.
     pub fn is_watched(&self) -> bool {
-        self.live || self.foxglove.is_some()
+        #[cfg(feature = "ros2")]
+        let is_published = self.ros2.is_some();
+        #[cfg(not(feature = "ros2"))]
+        let is_published = false;
+        self.live || self.foxglove.is_some() || is_published
     }
 
     /// As arguments of another process that flies.
@@ -54,6 +65,10 @@ impl LiveArguments {
         }
         if let Some(port) = self.foxglove {
             command.args(["--foxglove", &port.to_string()]);
+        }
+        #[cfg(feature = "ros2")]
+        if let Some(address) = self.ros2 {
+            command.arg(format!("--ros2={address}"));
         }
     }
 
@@ -68,6 +83,18 @@ impl LiveArguments {
             say(&format!(
                 "Foxglove: open connection, Foxglove WebSocket, {address}"
             ));
+        }
+        #[cfg(feature = "ros2")]
+        let ros2 = self
+            .ros2
+            .as_ref()
+            .map(RosPublisher::start)
+            .transpose()
+            .or_input()?;
+        #[cfg(feature = "ros2")]
+        if ros2.is_some() {
+            let names: Vec<&str> = TOPICS.iter().map(|(name, _)| *name).collect();
+            say(&format!("ROS 2: {}", names.join(", ")));
         }
         if self.live {
             let flight = Flight {
@@ -92,6 +119,8 @@ impl LiveArguments {
             feed,
             broadcast,
             rows: 0,
+            #[cfg(feature = "ros2")]
+            ros2,
         }))
     }
 }
@@ -101,12 +130,19 @@ pub struct LiveSession {
     feed: LiveFeed,
     broadcast: Arc<Broadcast>,
     rows: usize,
+    #[cfg(feature = "ros2")]
+    ros2: Option<RosPublisher>,
 }
 
 impl LiveSession {
     /// Shows one row.
     pub fn publish(&mut self, row: LiveRow) {
         self.rows += 1;
+        #[cfg(feature = "ros2")]
+        if let Some(ros2) = &self.ros2 {
+            let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+            ros2.row(since_1970.map_or(0, |since| since.as_nanos() as u64), &row.sample);
+        }
         self.feed.publish(row);
     }
 

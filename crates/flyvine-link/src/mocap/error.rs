@@ -42,6 +42,10 @@ pub enum MocapError {
     /// A NatNet packet cannot be read or written.
     #[error("NatNet: {0}")]
     NatNet(#[from] ::natnet::Error),
+    /// There is no ROS 2.
+    #[cfg(feature = "ros2")]
+    #[error(transparent)]
+    Ros2(#[from] crate::ros2::RosError),
     /// A capture time that no protocol can carry.
     #[error("found a capture time of {found} s, expected Unix time, 0 … 2³² s")]
     CaptureTime {

@@ -8,6 +8,8 @@ use super::natnet::{NatNetAddress, NatNetClient};
 use super::tracker::{Latest, MocapStatus, Tracker};
 use super::vrpn::{VrpnAddress, VrpnClient};
 use super::{Bodies, HygieneLimits, MocapError, Sink};
+#[cfg(feature = "ros2")]
+use crate::ros2::{RosAddress, RosClient};
 
 /// A motion-capture server, by protocol.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,17 +18,22 @@ pub enum Address {
     Vrpn(VrpnAddress),
     /// NatNet.
     NatNet(NatNetAddress),
+    /// Topics of ROS 2.
+    #[cfg(feature = "ros2")]
+    Ros2(RosAddress),
 }
 
 impl FromStr for Address {
     type Err = MocapError;
 
     /// Reads `vrpn:…` or `natnet:…` with the protocol's own address after the colon, such as
-    /// `vrpn:tcp://10.0.0.7` or `natnet:motive`.
+    /// `vrpn:tcp://10.0.0.7` or `natnet:motive`; with the feature `ros2` also `ros2:DOMAIN` or `ros2:DOMAIN@ADDRESS`.
     fn from_str(address: &str) -> Result<Self, MocapError> {
         match address.split_once(':') {
             Some(("vrpn", rest)) => rest.parse().map(Address::Vrpn),
             Some(("natnet", rest)) => rest.parse().map(Address::NatNet),
+            #[cfg(feature = "ros2")]
+            Some(("ros2", rest)) => Ok(Address::Ros2(rest.parse()?)),
             _ => Err(MocapError::Address {
                 address: address.to_owned(),
                 problem: "expected `vrpn:HOST` or `natnet:HOST`".into(),
@@ -43,8 +50,16 @@ pub struct MocapSource {
 
 /// Which protocol keeps it up to date. Dropping it stops the threads.
 enum Client {
-    Vrpn { _client: VrpnClient },
-    NatNet { _client: NatNetClient },
+    Vrpn {
+        _client: VrpnClient,
+    },
+    NatNet {
+        _client: NatNetClient,
+    },
+    #[cfg(feature = "ros2")]
+    Ros2 {
+        _client: RosClient,
+    },
 }
 
 impl std::fmt::Debug for MocapSource {
@@ -80,6 +95,10 @@ impl MocapSource {
             },
             Address::NatNet(address) => Client::NatNet {
                 _client: NatNetClient::start(address, sink)?,
+            },
+            #[cfg(feature = "ros2")]
+            Address::Ros2(address) => Client::Ros2 {
+                _client: RosClient::start(address, &wanted, sink)?,
             },
         };
         Ok(MocapSource {

@@ -13,7 +13,9 @@
 //! | `/arm` | `flyvine.Arm`: its own telemetry | as it comes |
 //! | `/log` | `foxglove.Log` | as events come |
 //!
-//! Times are those of the machine's clock; a row's time in its flight is in `/configuration`. A thread writes; the flight
+//! A row of the flight has the poses of its own time, between the frames around it; what the flight was given is in `/mocap`, and
+//! how old it was then in `/supervisor`. Times are those of the machine's clock; a row's time in its flight is in
+//! `/configuration`. A thread writes; the flight
 //! never waits for the disk. Four times a second it closes a chunk and hands it to the operating system, so that `kill -9`
 //! costs at most the last quarter of a second ([`flyvine::flight::recover_flight`] reads what is left).
 

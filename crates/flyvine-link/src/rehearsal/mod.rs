@@ -4,6 +4,7 @@
 mod arm_end;
 mod campaign;
 mod fault;
+mod lockstep;
 mod px4;
 mod px4_telemetry;
 mod rig;
@@ -12,6 +13,7 @@ mod virtual_station;
 
 pub use campaign::{RehearsedFlight, Verdict, one_fault, rehearse, wired_limits};
 pub use fault::{FaultClock, FaultKind, Phase, Script, ScriptError, ScriptedFault};
+pub use lockstep::PhasedVehicle;
 pub use px4::{IDENTITY, ReceivedSetpoint, SimulatedPx4};
 pub use px4_telemetry::Sensed;
 pub use rig::{PERIOD_S, Rig, rig_bodies};

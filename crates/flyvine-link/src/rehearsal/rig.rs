@@ -8,7 +8,7 @@
 use flyvine::DT;
 use flyvine::flight::Configuration;
 use flyvine::link::{Observation, Vehicle, VehicleError};
-use flyvine::sim::SimulatedVehicle;
+use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -29,10 +29,10 @@ pub fn rig_bodies() -> Bodies {
     Bodies::named(QUADROTOR, END_EFFECTOR)
 }
 
-/// Period of physics and autopilot, s.
-pub const PERIOD_S: f64 = 0.005;
+/// Period of physics and autopilot, s: its rate loop's, so that a set-point waits no longer than it must.
+pub const PERIOD_S: f64 = 0.0025;
 /// Periods from one frame of motion capture to the next: 100 Hz.
-const MOCAP_PERIODS: u64 = 2;
+const MOCAP_PERIODS: u64 = 4;
 /// How far the tip hangs above the floor when the vehicle stands, m.
 const TIP_CLEARANCE_M: f64 = 0.05;
 /// A target this far above a standing vehicle lifts it off, m.
@@ -74,6 +74,7 @@ pub struct Rig {
     to_autopilot: Vec<InFlight>,
     to_base: Vec<InFlight>,
     armed_setpoint: Option<[f64; 3]>,
+    loop_phase_s: f64,
     rebooted: bool,
     taken_over: bool,
 }
@@ -114,6 +115,7 @@ impl Rig {
             to_autopilot: Vec::new(),
             to_base: Vec::new(),
             armed_setpoint: None,
+            loop_phase_s: 0.0,
             rebooted: false,
             taken_over: false,
         })
@@ -132,6 +134,12 @@ impl Rig {
     /// Whether the vehicle stands on the ground.
     pub fn stands(&self) -> bool {
         !self.flying
+    }
+
+    /// Time from a run of the vehicle's position loop to the flight's set-points, s, below the loop's period: they wait for the
+    /// next run. The clocks of vehicle and base station know nothing of each other, so it is another one in every flight.
+    pub fn loop_phase_s(&self) -> f64 {
+        self.loop_phase_s
     }
 
     /// Whether a fault is there now.
@@ -336,6 +344,10 @@ impl Rig {
             Some(_) => Phase::PreArm,
             None => Phase::Idle,
         };
+        if phase == Phase::Flight && self.faults.phase() != Phase::Flight {
+            let period_s = position_period_s(self.vehicle.parameters());
+            self.loop_phase_s = self.vehicle.time_s().rem_euclid(period_s);
+        }
         self.faults.advance(self.now_s, phase);
         if self.has(FaultKind::AutopilotReboot) && !self.rebooted {
             self.rebooted = true;
@@ -363,6 +375,11 @@ impl Rig {
 const SETTLING_S: f64 = 8.0;
 /// Random stream of the faults, beside those of the physics.
 const FAULT_STREAM: u64 = 7;
+
+/// Period of a vehicle's position loop, s.
+pub(super) fn position_period_s(parameters: &VehicleParameters) -> f64 {
+    parameters.autopilot.rate_period_s * f64::from(parameters.autopilot.position_divider)
+}
 
 /// Height of the quadrotor on its platform, m.
 fn platform_m(configuration: Configuration) -> f64 {

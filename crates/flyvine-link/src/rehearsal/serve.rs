@@ -39,7 +39,12 @@ pub enum ServeError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum RigEvent {
     /// A phase began.
-    Phase(Phase),
+    Phase {
+        /// Which.
+        phase: Phase,
+        /// [`Rig::loop_phase_s`].
+        loop_phase_s: f64,
+    },
     /// A fault began.
     Fault(FaultKind),
 }
@@ -57,6 +62,8 @@ pub fn serve(
     let mut bytes = Vec::new();
     let mut next_s = 0.0;
     while !stop.load(Ordering::Relaxed) {
+        // First what happened, then what came meanwhile: nothing acts before it arrived.
+        rig.advance_to(clock.now_s())?;
         bytes.clear();
         ends.autopilot.receive(&mut bytes);
         if !bytes.is_empty() {
@@ -68,7 +75,6 @@ pub fn serve(
         if let Some(board) = &mut ends.board {
             read(board, |bytes| rig.hear_board(bytes));
         }
-        rig.advance_to(clock.now_s())?;
         for frame in rig.take_frames() {
             ends.autopilot.send(&frame);
         }
@@ -88,7 +94,8 @@ pub fn serve(
         }
         if rig.faults().phase() != phase {
             phase = rig.faults().phase();
-            tell(rig.now_s(), RigEvent::Phase(phase));
+            let loop_phase_s = rig.loop_phase_s();
+            tell(rig.now_s(), RigEvent::Phase { phase, loop_phase_s });
         }
         for kind in FaultKind::ALL {
             if rig.has(kind) && !begun.contains(&kind) {

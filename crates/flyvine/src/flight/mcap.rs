@@ -3,6 +3,8 @@
 //! Each message's sequence number is its row. Chunks are small and not compressed, so a file that was cut off
 //! loses its last seconds only.
 
+mod sound;
+
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
@@ -18,6 +20,8 @@ use ::mcap::records::MessageHeader;
 use ::mcap::{McapError, MessageStream, WriteOptions, Writer, read::Options};
 use prost::Message as _;
 use serde::de::DeserializeOwned;
+
+pub use self::sound::sound_mcap;
 
 /// Some four seconds of flight.
 const CHUNK_BYTES: u64 = 32 * 1024;
@@ -95,7 +99,7 @@ pub(super) fn parse_mcap(file: &str, bytes: &[u8]) -> Result<Flight, FlightError
 pub(super) fn parse_steps(file: &str, bytes: &[u8]) -> Result<Vec<ControlStep>, FlightError> {
     let fail = |error| FlightError::in_file(file, mcap_problem(error));
     let mut steps = Vec::new();
-    for message in MessageStream::new(bytes).map_err(fail)? {
+    for message in MessageStream::new(sound_mcap(bytes)).map_err(fail)? {
         let message = message.map_err(fail)?;
         if message.channel.topic != CONTROLLER.name {
             continue;
@@ -140,6 +144,7 @@ struct PartialRow {
 
 /// Reads up to the end or the first damage, which is returned too.
 fn decode(file: &str, bytes: &[u8]) -> Result<(Flight, Option<McapError>), FlightError> {
+    let bytes = sound_mcap(bytes);
     let mut rows: BTreeMap<u32, PartialRow> = BTreeMap::new();
     let mut end = None;
     match MessageStream::new_with_options(bytes, Options::IgnoreEndMagic.into()) {

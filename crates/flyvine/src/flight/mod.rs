@@ -31,6 +31,7 @@ pub use self::files::{
 };
 pub use self::hygiene::{Body, Fault, Finding, HygieneOptions, HygieneReport, clean};
 pub use self::mapping::Mapping;
+pub use self::mcap::sound_mcap;
 pub use self::resample::{Reading, Recording, RecordingRow, resample};
 
 use serde::{Deserialize, Serialize};
