@@ -72,7 +72,10 @@ fn every_member_reaches_the_target_below_the_ceiling() {
         .map(|_| resampled_bank(&flights, &mut random))
         .collect();
     let task = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/tasks/swing_ES.toml");
-    let task = Task::read(Path::new(task)).unwrap();
+    let task = Task {
+        support: None, // its outputs of every member are many states; what is shown here needs none
+        ..Task::read(Path::new(task)).unwrap()
+    };
     let plan = make_ensemble_plan(&task, &banks, &PlanOptions::default()).unwrap();
     println!("{:?}", plan.solve);
     for member in &plan.ensemble {

@@ -14,7 +14,6 @@ use super::physical::{FitProgress, PhysicalFitOptions};
 use super::physical_bank::{PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 use super::rollout::WindowError;
 use super::selection::{self, HeldOutError, pool};
-use super::support::Support;
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -196,8 +195,7 @@ pub fn fit_families(
                 let followed = judge(&bank, flights, &[])?.corners;
                 let follows = followed.is_none_or(|error| error.diverged_share <= STRAY_SHARE);
                 if follows || fitted.is_none() {
-                    let bank = bank.with_band(candidate.band)?;
-                    fitted = Some((bank.with_support(Some(Support::of(flights)))?, chosen));
+                    fitted = Some((bank.with_band(candidate.band)?, chosen));
                 }
                 if follows {
                     break;

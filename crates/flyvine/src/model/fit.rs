@@ -11,6 +11,7 @@ use super::one_step::one_step_rmse;
 use super::options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 use super::refine::refine;
 use super::selection::{Candidate, CrossValidation, HeldOutError, RefinementTrial, best, safest};
+use super::support::Support;
 use super::track::{Track, constant_configuration};
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
@@ -156,7 +157,8 @@ pub fn fit_bank(flights: &[Flight], options: &FitOptions) -> Result<(Bank, FitRe
             .map(|&index| flights[index].name.clone())
             .collect(),
     };
-    Ok((attempt.bank, report))
+    let bank = attempt.bank.with_support(Some(Support::of(flights)))?;
+    Ok((bank, report))
 }
 
 /// The outcome of one choice of inputs.

@@ -12,7 +12,6 @@ use super::families::Family;
 use super::physical::PhysicalFitOptions;
 use super::physical_bank::refit_physical_bank;
 use super::selection::{HORIZONS, HeldOutError, pool};
-use super::support::Support;
 use super::track::constant_configuration;
 use crate::flight::{Configuration, Flight};
 use serde::Serialize;
@@ -78,7 +77,10 @@ impl Learner {
             constant_configuration(flight).is_some_and(|found| super::bank::same(&found, &configuration))
         };
         Ok(Learner {
-            bank: Bank::new(vec![model], bank.provenance().clone())?,
+            bank: Bank::new(vec![model], bank.provenance().clone())?
+                .with_band(bank.band().cloned())?
+                .with_noise(bank.noise().copied())?
+                .with_support(bank.support().copied())?,
             recordings: recordings.iter().filter(here).cloned().collect(),
             flown: Vec::new(),
             weight: 0.0,
@@ -158,8 +160,7 @@ fn refit(bank: &Bank, recordings: &[Flight], flown: &[Flight], weight: f64) -> R
     refit_physical_bank(bank, &flights, &options, &mut |_, _| {})?
         .0
         .with_band(bank.band().cloned())?
-        .with_noise(bank.noise().copied())?
-        .with_support(Some(Support::of(&flights)))
+        .with_noise(bank.noise().copied())
 }
 
 fn error(bank: &Bank, flights: &[Flight]) -> Result<Option<HeldOutError>, ModelError> {

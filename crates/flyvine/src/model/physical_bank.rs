@@ -152,7 +152,8 @@ fn join(
         options: FitOptions::default(),
         chosen: None,
     };
-    Ok((Bank::new(models, provenance)?, report))
+    let bank = Bank::new(models, provenance)?.with_support(Some(Support::of(flights)))?;
+    Ok((bank, report))
 }
 
 /// What there is to say about the fit of one corner.
