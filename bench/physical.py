@@ -34,8 +34,12 @@ def main():
     own = flyvine(bank, task)
     problem = scratch / "physical.json"
     problem.write_text(json.dumps(own))
+    # CasADi compiles derivatives in the folder that it runs in, a hundred megabytes of C.
     peer = subprocess.run(
-        [scratch / "venv" / "bin" / "python", BENCH / "peers" / "peer_physical.py", problem], capture_output=True, text=True
+        [scratch / "venv" / "bin" / "python", BENCH / "peers" / "peer_physical.py", problem],
+        capture_output=True,
+        text=True,
+        cwd=scratch,
     )
     if peer.returncode != 0:
         sys.exit(peer.stderr)
