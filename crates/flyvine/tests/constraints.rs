@@ -4,7 +4,7 @@ mod common;
 
 use flyvine::DT;
 use flyvine::model::{Bank, Support};
-use flyvine::task::{Plan, PlanOptions, Task, make_ensemble_plan, make_plan};
+use flyvine::task::{Plan, PlanOptions, Shape, Task, make_ensemble_plan, make_plan};
 
 /// Least distance of the arm, a straight line in 200 pieces, from the branch of the task, and of the quadrotor.
 fn distances(plan: &Plan) -> (f64, f64) {
@@ -80,6 +80,20 @@ fn a_plan_keeps_clear_of_the_branch_and_on_the_wall() {
         plan.states[0].len(),
         free.states[0].len(),
         "outputs are no part of the plan's states"
+    );
+}
+
+#[test]
+fn an_obstacle_around_the_start_is_refused_by_name() {
+    let mut task = common::task("around_branch.toml");
+    task.obstacles[0].shape = Shape::Sphere {
+        centre_m: [0.1, 0.0, 1.2],
+        radius_m: 0.2,
+    };
+    let error = make_plan(&task, &common::prior_bank(), &PlanOptions::default()).unwrap_err();
+    assert!(
+        error.to_string().contains("distance from branch at the start"),
+        "{error}"
     );
 }
 

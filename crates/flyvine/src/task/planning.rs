@@ -4,7 +4,7 @@ use super::constraints::Constraints;
 use super::growth;
 use super::plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
-    SCHEMA, SolveSummary,
+    SCHEMA,
 };
 use super::solve::{Names, Optimized};
 use super::{CommandReference, Motion, Reference, Task, TaskError, pose_problem};
@@ -31,7 +31,7 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
     let model = OnBank::new(task, &reference, bank)?;
     let command_reference = model.command_reference(task, &reference);
     let problem = model.problem(task, &reference, &command_reference);
-    let constraints = constraints(task, &reference.configurations, bank)?;
+    let constraints = constraints(task, &reference.configurations, bank, &model.start)?;
     let names = Names::positions(model.names());
     let Some(growth) = &task.growth else {
         let optimized = Optimized::new(task, &problem, &model.dynamics, &names, &constraints, options);
@@ -45,14 +45,13 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
                 .regulate(&optimized.solution.commands)
                 .map_err(malformed)?
         };
-        let solve = optimized.summarize(motion, &reference, options);
         return Ok(plan(
             task,
             bank,
             &reference,
             &command_reference,
+            &optimized,
             motion,
-            solve,
             options,
         ));
     };
@@ -80,14 +79,13 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
         .collect();
     let mut regulator = Solver::new(&problem, &along.dynamics, options.solver.clone()).map_err(malformed)?;
     let motion = regulator.regulate(&commands).map_err(malformed)?;
-    let solve = optimized.summarize(motion, &reference, options);
     Ok(plan(
         task,
         bank,
         &reference,
         &command_reference,
+        &optimized,
         motion,
-        solve,
         options,
     ))
 }
@@ -124,7 +122,7 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
         let expected = "one bank: for an ensemble, give the configurations ([deploy])";
         return Err(TaskError::value(&task.name, "growth", "an ensemble of banks", expected).into());
     }
-    let constraints = constraints(task, &reference.configurations, first_bank)?;
+    let constraints = constraints(task, &reference.configurations, first_bank, &models[0].start)?;
     let watched: Vec<WithOutputs<&ScheduledModel>> = models
         .iter()
         .map(|model| constraints.watch(&model.dynamics))
@@ -157,14 +155,13 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
     let mut first =
         Solver::new(&problems[0], &models[0].dynamics, options.solver.clone()).map_err(malformed)?;
     let regulated = first.regulate(&optimized.solution.commands).map_err(malformed)?;
-    let solve = optimized.summarize(regulated, &reference, options);
     let mut plan = plan(
         task,
         first_bank,
         &reference,
         &command_reference,
+        &optimized,
         regulated,
-        solve,
         options,
     );
     plan.ensemble = (0..banks.len())
@@ -177,14 +174,27 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
     Ok(plan)
 }
 
-/// What `task` demands of the whole motion; the supported region is that of `bank`.
-fn constraints(task: &Task, configurations: &[Configuration], bank: &Bank) -> Result<Constraints, PlanError> {
+/// What `task` demands of the whole motion from `start` on; the supported region is that of `bank`.
+fn constraints(
+    task: &Task,
+    configurations: &[Configuration],
+    bank: &Bank,
+    start: &[f64],
+) -> Result<Constraints, PlanError> {
     if task.support.is_some() && bank.support().is_none() {
         return Err(PlanError::NoSupport {
             task: task.name.clone(),
         });
     }
-    Ok(Constraints::new(task, configurations, bank.support()))
+    let constraints = Constraints::new(task, configurations, bank.support());
+    match constraints.violated_at(start) {
+        None => Ok(constraints),
+        Some((name, metres)) => {
+            let found = format!("{name} at the start, margin taken off: {metres:.3} m");
+            let expected = "quadrotor and arm clear of every obstacle where the motion starts";
+            Err(TaskError::value(&task.name, "obstacles", found, expected).into())
+        }
+    }
 }
 
 impl Plan {
@@ -204,7 +214,7 @@ impl Plan {
 
     /// What the plan's task demands of the whole motion.
     pub(crate) fn constraints(&self) -> Result<Constraints, PlanError> {
-        constraints(&self.task, &self.configurations, &self.bank)
+        constraints(&self.task, &self.configurations, &self.bank, &self.states[0])
     }
 }
 
@@ -254,34 +264,35 @@ impl OnBank {
     }
 }
 
+/// The plan that flies `motion`, which `optimized` found.
 fn plan(
     task: &Task,
     bank: &Bank,
     reference: &Reference,
     command_reference: &CommandReference,
-    solution: &Solution,
-    solve: SolveSummary,
+    optimized: &Optimized,
+    motion: &Solution,
     options: &PlanOptions,
 ) -> Plan {
-    let state_len = solution.states.len() / reference.end_effector.len();
+    let state_len = motion.states.len() / reference.end_effector.len();
     let rows = |flat: &[f64], width: usize| flat.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>();
     Plan {
         schema: SCHEMA.to_owned(),
         schema_version: PLAN_SCHEMA_VERSION,
         task: task.clone(),
-        commands: solution
+        commands: motion
             .commands
             .chunks_exact(3)
             .map(|u| [u[0], u[1], u[2]])
             .collect(),
-        states: rows(&solution.states, state_len),
-        gains: rows(&solution.gains, 3 * state_len),
+        states: rows(&motion.states, state_len),
+        gains: rows(&motion.gains, 3 * state_len),
         command_reference: CommandReferenceSummary {
             shaping: command_reference.shaping,
             searched: command_reference.shaping.is_some() && task.command_reference.is_none(),
             rollout_error_m: Some(command_reference.rollout_error_m).filter(|error| error.is_finite()),
         },
-        solve,
+        solve: optimized.summarize(motion, reference, options),
         provenance: Provenance {
             tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).to_owned(),
             task_sha256: options.task_sha256.clone(),

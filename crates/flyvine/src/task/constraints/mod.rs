@@ -112,6 +112,18 @@ impl Constraints {
         watched.names(own, &self.names)
     }
 
+    /// The first hard lower bound (an obstacle's) that a motion which stays at the state `start` violates: the output's
+    /// name and value. No command can mend that.
+    pub(super) fn violated_at(&self, start: &[f64]) -> Option<(&str, f64)> {
+        let x = &start[..SIGNALS.len()];
+        let w = [x, x, &x[..3]].concat();
+        self.bounds
+            .iter()
+            .map(|bound| (bound, self.outputs[bound.index].value(&w)))
+            .find(|(bound, value)| *value < bound.lower)
+            .map(|(bound, value)| (self.names[bound.index].as_str(), value))
+    }
+
     /// What is left of them from `knot` on.
     pub fn rest_from(&self, knot: usize) -> Self {
         let mut rest = self.clone();
