@@ -237,12 +237,18 @@ fn a_disk_that_goes_away_is_told() {
     let path = folder.path().join("flight.mcap");
     let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
     rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, mode, 0).unwrap();
-    // A pipe that is read for a moment: as much of a disk as can be pulled out in a test.
+    // A pipe that is read until the recording has begun: as much of a disk as can be pulled out in a test.
     let reader = path.clone();
-    let reader = std::thread::spawn(move || File::open(reader).unwrap().read(&mut [0; 16]).unwrap());
+    let (pull, pulled) = std::sync::mpsc::channel::<()>();
+    let reader = std::thread::spawn(move || {
+        let mut disk = File::open(reader).unwrap();
+        disk.read_exact(&mut [0; 16]).unwrap();
+        pulled.recv().unwrap();
+    });
     let failed = Arc::new(AtomicBool::new(false));
     let mut recorder =
         FlightRecorder::create(&path, 0, &PlannedPaths::default(), Arc::clone(&failed)).unwrap();
+    pull.send(()).unwrap();
     reader.join().unwrap();
     let began = Instant::now();
     while !failed.load(Ordering::Relaxed) {
