@@ -59,7 +59,8 @@ def study_on_the_command_line(arguments, folder: Path) -> None:
         f'name = "study"\nplans = ["cli_plan.json"]\nseeds = {arguments.flights}\n'
         f'controllers = ["{arguments.controller}"]\n'
     )
-    run("sweep", folder / "sweep.toml", "--out", folder / "sweep")
+    with tempfile.TemporaryDirectory(dir=folder) as fresh:  # a sweep never computes a row twice
+        run("sweep", folder / "sweep.toml", "--out", fresh)
 
 
 def main() -> None:
