@@ -30,6 +30,9 @@ const INTERVALS: [(u32, f64); 3] = [(0, 0.2), (32, 0.033), (245, 0.2)];
 /// Message number of GPS_GLOBAL_ORIGIN.
 const GPS_GLOBAL_ORIGIN: f32 = 49.0;
 
+/// Parameters of MAV_CMD_NAV_LAND: no heading, no place, no height but those of now.
+const LAND_HERE: [f32; 7] = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, f32::NAN];
+
 /// How a link is set up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkOptions {
@@ -275,13 +278,14 @@ impl AutopilotLink {
         };
         let in_mode = profile.mode(self.telemetry.custom_mode) == Some(self.wanted);
         if !in_mode && !self.is_refused() && self.mode.is_due(now_s, REPEAT_S) {
-            let parameters = [1.0, main, sub];
-            self.command(
-                autopilot,
-                MavCmd::MAV_CMD_DO_SET_MODE,
-                &parameters,
-                self.mode.times - 1,
-            );
+            let confirmation = self.mode.times - 1;
+            // Some autopilots have landing as a mode, some as a command: every other try is the other one.
+            if self.wanted == Mode::Land && confirmation % 2 == 1 {
+                self.command(autopilot, MavCmd::MAV_CMD_NAV_LAND, &LAND_HERE, 0);
+            } else {
+                let parameters = [1.0, main, sub];
+                self.command(autopilot, MavCmd::MAV_CMD_DO_SET_MODE, &parameters, confirmation);
+            }
         }
         let armed = self.telemetry.armed;
         match self.wanted {
@@ -315,7 +319,7 @@ impl AutopilotLink {
 
     fn acknowledged(&mut self, now_s: f64, ack: &COMMAND_ACK_DATA) {
         let asking = match ack.command {
-            MavCmd::MAV_CMD_DO_SET_MODE => &mut self.mode,
+            MavCmd::MAV_CMD_DO_SET_MODE | MavCmd::MAV_CMD_NAV_LAND => &mut self.mode,
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => &mut self.arming,
             _ => return,
         };
@@ -328,8 +332,8 @@ impl AutopilotLink {
                     self.refusals += 1;
                 }
                 let what = match ack.command {
-                    MavCmd::MAV_CMD_DO_SET_MODE => self.options.profile.mode_name(self.wanted),
-                    _ => "arming",
+                    MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => "arming",
+                    _ => self.options.profile.mode_name(self.wanted),
                 };
                 self.notes.push(format!("autopilot refuses {what}: {result:?}"));
             }

@@ -306,6 +306,29 @@ fn a_set_point_is_in_ned_with_the_mask_of_its_position() {
 }
 
 #[test]
+fn landing_is_asked_for_as_a_mode_and_as_a_command() {
+    let mut wire = Wire::new(Profile::Px4);
+    wire.heartbeat(0, true);
+    wire.link.set_mode(Mode::Land);
+    let sent = wire.run(2.0 * REPEAT_S);
+    let asked = commands(&sent).into_iter().map(|(command, _)| command);
+    let land: Vec<MavCmd> = asked
+        .filter(|command| [SET_MODE, MavCmd::MAV_CMD_NAV_LAND].contains(command))
+        .collect();
+    assert_eq!(land, [SET_MODE, MavCmd::MAV_CMD_NAV_LAND]);
+    let place = sent.iter().find_map(|message| match message {
+        MavMessage::COMMAND_LONG(data) if data.command == MavCmd::MAV_CMD_NAV_LAND => {
+            Some([data.param5, data.param6])
+        }
+        _ => None,
+    });
+    assert!(
+        place.unwrap().iter().all(|x| x.is_nan()),
+        "here, not at 0° N 0° E"
+    );
+}
+
+#[test]
 fn vision_is_new_possible_and_near_or_not_sent() {
     let mut wire = Wire::new(Profile::Px4);
     let pose = |x: f64| Pose {

@@ -125,6 +125,14 @@ pub enum Reason {
         /// Limit, s.
         limit_s: f64,
     },
+    /// Nobody said that it stands.
+    #[error(
+        "no landing confirmed within {limit_s} s: the autopilot has the vehicle, in the air or on the ground"
+    )]
+    NotLanded {
+        /// Limit, s.
+        limit_s: f64,
+    },
     /// What the vehicle itself reports.
     #[error(transparent)]
     Fault(#[from] Fault),

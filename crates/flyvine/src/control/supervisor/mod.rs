@@ -229,7 +229,7 @@ impl Supervisor {
         if !health.armed {
             match self.state {
                 State::Landing if was_confirmed || health.standing => self.landed(),
-                _ if was_confirmed => self.release(Fault::Disarmed),
+                _ if was_confirmed => self.release(Fault::Disarmed.into()),
                 _ => (),
             }
             return;
@@ -238,13 +238,13 @@ impl Supervisor {
         if health.mode == Some(wanted) {
             self.confirmed = Some(wanted);
         } else if was_confirmed && health.mode != self.confirmed {
-            self.release(Fault::TakenOver);
+            self.release(Fault::TakenOver.into());
         }
     }
 
     /// Somebody else has the vehicle, or nobody: nothing more is sent, whatever came before.
-    fn release(&mut self, fault: Fault) {
-        self.abort(Reason::Fault(fault));
+    fn release(&mut self, reason: Reason) {
+        self.abort(reason);
         if self.state != State::Stopped {
             self.enter(State::Stopped, EventKind::Stopped);
         }
@@ -394,7 +394,8 @@ impl Supervisor {
                 self.enter(State::Landing, EventKind::Land);
             }
             State::Landing if spent_s >= self.limits.landing_s => {
-                self.enter(State::Stopped, EventKind::Stopped);
+                let limit_s = self.limits.landing_s;
+                self.release(Reason::NotLanded { limit_s });
             }
             State::Climbing if spent_s >= self.limits.climb_s => {
                 let limit_s = self.limits.climb_s;

@@ -463,6 +463,19 @@ fn a_landing_that_is_over_stops_the_stream() {
 }
 
 #[test]
+fn a_landing_that_nobody_confirms_is_no_good_end() {
+    let mut flight = after(10, Limits::default());
+    flight.supervisor.land();
+    while flight.supervisor.state() != State::Stopped {
+        flight.good();
+    }
+    assert_eq!(
+        flight.supervisor.reason(),
+        Some(Reason::NotLanded { limit_s: 20.0 })
+    );
+}
+
+#[test]
 fn the_age_of_a_pose_is_that_of_its_capture() {
     let mut flight = after(10, Limits::default());
     // A pose that arrives 150 ms late is no fresh pose, however often it arrives.
