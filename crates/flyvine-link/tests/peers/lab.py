@@ -5,12 +5,14 @@ usage: lab.py AUTOPILOT_PORT VRPN_PORT LENGTH_M; prints what the autopilot went 
 stdin ends.
 """
 
+import collections
 import json
 import random
 import select
 import sys
 
 from mavsdk import Configuration, Mavsdk
+from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.action_server import ActionServer, ActionServerResult, AllowableFlightModes, FlightMode
 from mavsdk.plugins.mavlink_direct_server import MavlinkDirectServer, MavlinkMessage
 from mavsdk.plugins.param_server import ParamServer
@@ -45,6 +47,8 @@ class Autopilot:
         for name, value in PARAMETERS.items():
             provide = self.parameters.provide_param_float if isinstance(value, float) else self.parameters.provide_param_int
             provide(name, value)
+        # MAVSDK's threads put in what is to be said; the main loop says it, since MAVSDK locks while it calls back.
+        self.answers = collections.deque()
         self.armed, self.mode, self.setpoint, self.setpoints, self.heard = False, FlightMode.HOLD, None, 0, set()
         self.actions.set_allowable_flight_modes(AllowableFlightModes(True, True, False))
         self.actions.set_armable(True, True)
@@ -66,12 +70,11 @@ class Autopilot:
 
     def _land(self, command, _data=None):
         # MAVSDK's side has no landing of its own; it hands the command on.
-        self.send("COMMAND_ACK", {
+        self.answers.append(("COMMAND_ACK", {
             "command": NAV_LAND, "result": 0, "progress": 0, "result_param2": 0,
             "target_system": command.system_id, "target_component": command.component_id,
-        })  # fmt: skip
+        }))  # fmt: skip
         self._change_mode(ActionServerResult.SUCCESS, FlightMode.LAND)
-        self.actions.set_flight_mode(FlightMode.LAND)
 
     def _hear(self, message, _data=None):
         if message.message_name not in self.heard:
@@ -83,16 +86,24 @@ class Autopilot:
             self.setpoints += 1
         elif message.message_name == "SET_GPS_GLOBAL_ORIGIN":
             fields = json.loads(message.fields_json)
-            self.send("GPS_GLOBAL_ORIGIN", {name: fields[name] for name in ("latitude", "longitude", "altitude")} | {"time_usec": 0})
+            place = {name: fields[name] for name in ("latitude", "longitude", "altitude")}
+            self.answers.append(("GPS_GLOBAL_ORIGIN", place | {"time_usec": 0}))
 
     def send(self, name, fields):
         self.direct.send_message(MavlinkMessage(name, 1, 1, 0, 0, json.dumps(fields)))
 
     def tell(self, place, velocity, on_ground):
-        self.telemetry.publish_position_velocity_ned(PositionVelocityNed(PositionNed(*place), VelocityNed(*velocity)))
-        self.telemetry.publish_extended_sys_state(
-            VtolState.UNDEFINED, LandedState.ON_GROUND if on_ground else LandedState.IN_AIR
-        )
+        while self.answers:
+            name, fields = self.answers.popleft()
+            self.send(name, fields)
+            if name == "COMMAND_ACK":
+                self.actions.set_flight_mode(FlightMode.LAND)
+        landed = LandedState.ON_GROUND if on_ground else LandedState.IN_AIR
+        try:
+            self.telemetry.publish_position_velocity_ned(PositionVelocityNed(PositionNed(*place), VelocityNed(*velocity)))
+            self.telemetry.publish_extended_sys_state(VtolState.UNDEFINED, landed)
+        except MavsdkError as nobody_there:
+            say(untold=str(nobody_there))
 
     def introduce(self):
         """MAVSDK's own heartbeat says nothing of its make: until somebody asks a PX4 for parameters, say that it is one."""
