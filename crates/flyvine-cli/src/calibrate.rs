@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use flyvine::flight::Configuration;
 use flyvine::sim::calibrate::{Calibration, CalibrationOptions, Estimate, FreeParameter, calibrate};
+use flyvine::sim::hover::modes;
 use flyvine::sim::replay::{Recording, ReplayRow, replay_table};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters, free, paper};
 use serde::Serialize;
@@ -19,7 +20,9 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 /// The recorded commands are flown on the simulated vehicle, from hover; Levenberg–Marquardt changes gains, delays,
 /// masses, drag, stiffness and damping, each within a factor of its start, until the replay comes as near to the
 /// recording as it can. Every parameter gets a 95 % confidence interval; what the flights cannot tell is marked, and
-/// keeps little meaning. Judge the result by flights that were not fitted: `--hold-out` or `--leave-one-out`.
+/// keeps little meaning. Judge the result by flights that were not fitted: `--hold-out` or `--leave-one-out`. The last table
+/// is the least damped oscillation of vehicle and autopilot about hover, per configuration: near zero, the vehicle swings on
+/// its own in slow flight.
 ///
 ///   flyvine calibrate flights/*.csv --out vehicle.toml --hold-out flights/swing_7.csv
 ///   flyvine calibrate flights/*.csv --vehicle examples/vehicles/crazyflie_slung.toml --out vehicle.toml
@@ -39,7 +42,7 @@ pub struct CalibrateArguments {
     #[arg(long, value_name = "FLIGHT", num_args = 1..)]
     hold_out: Vec<PathBuf>,
     /// Also calibrate once per configuration without its flights, and compare these. What only that configuration's
-    /// flights identify (its beam) keeps its value of the start vehicle; with --prior it follows the other beams.
+    /// flights identify (its beam) keeps its value of the start vehicle; with --prior or --tied it follows the other beams.
     #[arg(long)]
     leave_one_out: bool,
     /// Hold what the flights do not tell by what is believed beforehand: each parameter near the start vehicle's, and the
@@ -47,6 +50,11 @@ pub struct CalibrateArguments {
     /// was fitted to the same flights would be counted twice.
     #[arg(long, value_name = "WEIGHT", default_value_t = 0.0)]
     prior: f64,
+    /// Fit one beam per pressure, which the long arm shares with the short one, instead of one per configuration: fewer
+    /// parameters, which say what an arm of another length is like. With --leave-one-out a configuration then follows the
+    /// other length's flights.
+    #[arg(long)]
+    tied: bool,
     /// Parameters to fit, by their path in the vehicle's TOML or the beginning of it (`arm`, `autopilot.position`);
     /// without it, all that replays can say something about.
     #[arg(long, value_name = "PATH", value_delimiter = ',')]
@@ -79,6 +87,8 @@ pub struct CalibrateArguments {
 struct Report {
     parameters: Vec<ParameterLine>,
     flights: Vec<FlightLine>,
+    /// Of the calibrated vehicle, in every configuration that was fitted.
+    hover: Vec<HoverLine>,
     cost: f64,
     iterations: usize,
 }
@@ -103,6 +113,15 @@ struct FlightLine {
     role: Role,
     start: Distances,
     calibrated: Distances,
+}
+
+/// The least damped oscillation about hover.
+#[derive(Serialize)]
+struct HoverLine {
+    configuration: String,
+    frequency_hz: f64,
+    /// Negative for one that grows.
+    damping_ratio: f64,
 }
 
 #[derive(Clone, Copy, Serialize)]
@@ -158,6 +177,9 @@ pub fn run(arguments: &CalibrateArguments) -> CommandResult {
     )?);
     if arguments.leave_one_out {
         for (left_out, kept) in by_configuration(&fitted) {
+            if kept.is_empty() {
+                continue; // the only configuration
+            }
             say(&format!("without {} …", label(&left_out[0])));
             let parameters = calibrated(arguments, &start, &free, &kept)?.parameters;
             lines.extend(compare(
@@ -176,6 +198,7 @@ pub fn run(arguments: &CalibrateArguments) -> CommandResult {
             .map(|(free, estimate)| ParameterLine::new((free.get)(&start), estimate))
             .collect(),
         flights: lines,
+        hover: hover(&calibration.parameters, &fitted)?,
         cost: calibration.cost,
         iterations: calibration.iterations,
     };
@@ -184,6 +207,7 @@ pub fn run(arguments: &CalibrateArguments) -> CommandResult {
     } else {
         print(&report.parameter_table())?;
         print(&report.flight_table())?;
+        print(&report.hover_table())?;
     }
     say(&format!("wrote {}", arguments.out.display()));
     Ok(Outcome::Done)
@@ -210,7 +234,11 @@ fn free_parameters(
     arguments: &CalibrateArguments,
     start: &VehicleParameters,
 ) -> Result<Vec<FreeParameter>, Failure> {
-    let all = free::all();
+    let all = if arguments.tied {
+        free::all_tied()
+    } else {
+        free::all()
+    };
     for wanted in &arguments.parameters {
         if !all.iter().any(|free| free.name.starts_with(wanted.as_str())) {
             let names: Vec<&str> = all.iter().map(|free| free.name).collect();
@@ -289,6 +317,21 @@ fn compare(
         .collect())
 }
 
+/// The least damped oscillation about hover in every configuration in which a recording begins.
+fn hover(parameters: &VehicleParameters, recordings: &[Recording]) -> Result<Vec<HoverLine>, Failure> {
+    let mut lines = vec![];
+    for (group, _) in by_configuration(recordings) {
+        let first = &group[0];
+        let found = modes(parameters, first.configurations[0]).or_internal()?;
+        lines.extend(found.first().map(|mode| HoverLine {
+            configuration: configuration_label(first.configurations[0], None),
+            frequency_hz: mode.frequency_hz,
+            damping_ratio: mode.damping_ratio,
+        }));
+    }
+    Ok(lines)
+}
+
 /// For every configuration: its recordings, and the others.
 fn by_configuration(recordings: &[Recording]) -> Vec<(Vec<Recording>, Vec<Recording>)> {
     let first = |recording: &Recording| recording.configurations[0];
@@ -304,11 +347,7 @@ fn by_configuration(recordings: &[Recording]) -> Vec<(Vec<Recording>, Vec<Record
             .cloned()
             .partition(|recording| first(recording) == configuration)
     };
-    configurations
-        .into_iter()
-        .map(split)
-        .filter(|(_, kept)| !kept.is_empty())
-        .collect()
+    configurations.into_iter().map(split).collect()
 }
 
 fn label(recording: &Recording) -> String {
@@ -387,6 +426,17 @@ impl Report {
             "heights",
         ];
         table(&header, rows)
+    }
+
+    fn hover_table(&self) -> String {
+        let rows = self.hover.iter().map(|line| {
+            vec![
+                line.configuration.clone(),
+                format!("{:.2}", line.frequency_hz),
+                format!("{:.3}", line.damping_ratio),
+            ]
+        });
+        table(&["least damped about hover", "Hz", "damping ratio"], rows)
     }
 }
 

@@ -387,6 +387,11 @@ fn a_vehicle_is_calibrated_on_recordings_and_judged_on_others() {
     // The built-in vehicle that flew the recordings has 1.54.
     let gain = report["parameters"][0]["value"].as_f64().unwrap();
     assert!((gain - 1.54).abs() < 0.02, "{report}");
+    let hover = &report["hover"][0];
+    assert!(
+        (0.1..3.0).contains(&hover["frequency_hz"].as_f64().unwrap()),
+        "{report}"
+    );
     let held_out = &report["flights"][1];
     assert_eq!(held_out["role"], "held_out");
     let distance = |which: &str| held_out[which]["end_effector_m"].as_f64().unwrap();

@@ -13,12 +13,16 @@
 
 #![allow(clippy::print_stdout)] // an example is a program
 
+#[path = "../tests/common/passive_arm.rs"]
+mod passive_arm;
+
 use flyvine::flight::Corner;
 use flyvine::link::Vehicle;
-use flyvine::sim::chain::{Chain, ChainState, Growth, Joint, Link, Load, Tip};
+use flyvine::sim::chain::Load;
 use flyvine::sim::integrator::LinearlyImplicit;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
+use passive_arm::{PassiveArm, bent};
 use rustix::time::{ClockId, clock_gettime};
 use serde::Deserialize;
 use std::error::Error;
@@ -38,75 +42,21 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// An arm of equal links, as `data/passive/README.md` describes it.
+/// A clamped arm with its start.
 #[derive(Deserialize)]
-#[allow(non_snake_case)] // the file's own names
-struct Arm {
+struct Case {
     gravity: f64,
-    link_length_m: f64,
-    link_mass_kg: f64,
-    link_com_from_upper_joint_m: f64,
-    link_inertia_transverse: f64,
-    link_inertia_axial: f64,
-    tip_mass_kg: f64,
-    tip_inertia_transverse: f64,
-    tip_inertia_axial: f64,
-    h_tip_m: f64,
-    joint0_stiffness_Nm_per_rad: f64,
-    joint_stiffness_Nm_per_rad: f64,
-    joint0_damping_Nms_per_rad: f64,
-    joint_damping_Nms_per_rad: f64,
+    #[serde(flatten)]
+    arm: PassiveArm,
     /// Quaternions of the joints, scalar first, one after another.
     start: Vec<f64>,
 }
 
-impl Arm {
-    fn chain(&self, links: usize) -> Chain {
-        let joint = |stiffness, damping| Joint {
-            stiffness,
-            damping,
-            collapse_moment: f64::INFINITY,
-            hysteresis: None,
-        };
-        let mut joints = vec![joint(self.joint_stiffness_Nm_per_rad, self.joint_damping_Nms_per_rad); links];
-        joints[0] = joint(self.joint0_stiffness_Nm_per_rad, self.joint0_damping_Nms_per_rad);
-        let link = Link {
-            length_m: self.link_length_m,
-            mass_kg: self.link_mass_kg,
-            center_m: self.link_com_from_upper_joint_m,
-            inertia_transverse_kg_m2: self.link_inertia_transverse,
-            inertia_axial_kg_m2: self.link_inertia_axial,
-            drag_normal: 0.0,
-            drag_tangential: 0.0,
-        };
-        Chain {
-            base: None,
-            links: vec![link; links],
-            joints,
-            tip: Tip {
-                mass_kg: self.tip_mass_kg,
-                offset_m: self.h_tip_m,
-                inertia_transverse_kg_m2: self.tip_inertia_transverse,
-                inertia_axial_kg_m2: self.tip_inertia_axial,
-                drag: 0.0,
-                slider: None,
-            },
-            growth: Growth::default(),
-            gravity: self.gravity,
-        }
-    }
-}
-
 fn arm(path: &str, step: f64, duration: f64) -> Result<(), Box<dyn Error>> {
-    let arm: Arm = serde_json::from_str(&std::fs::read_to_string(path)?)?;
-    let links = arm.start.len() / 4;
-    let chain = arm.chain(links);
-    let mut state = ChainState::hanging(Vector3::zeros(), links);
-    let mut attitude = UnitQuaternion::identity();
-    for (link, q) in state.links.iter_mut().zip(arm.start.chunks(4)) {
-        attitude *= UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]));
-        *link = attitude;
-    }
+    let case: Case = serde_json::from_str(&std::fs::read_to_string(path)?)?;
+    let links = case.start.len() / 4;
+    let chain = case.arm.chain(links, case.gravity);
+    let mut state = bent(&case.start);
     let per_sample = (0.01 / step).round() as usize;
     let samples = (duration / 0.01).round() as usize;
     let mut integrator = LinearlyImplicit::new(links);

@@ -1,10 +1,15 @@
 //! The arm alone, clamped at its base, against an independent simulation (MuJoCo at 1e-5 s); see
 //! `data/passive/README.md`.
 
-use flyvine::sim::chain::{Chain, ChainState, Growth, Joint, Link, Load, Tip};
+#[path = "common/passive_arm.rs"]
+mod passive_arm;
+
+use flyvine::sim::chain::{Chain, Load};
 use flyvine::sim::hysteresis::ElastoSlip;
 use flyvine::sim::integrator::{LinearlyImplicit, RungeKutta4};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use flyvine::sim::state::ChainState;
+use nalgebra::{UnitQuaternion, Vector3};
+use passive_arm::{PassiveArm, bent};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -17,22 +22,16 @@ struct Parameters {
 }
 
 #[derive(Deserialize)]
-#[allow(non_snake_case)] // the file's own names
 struct Configuration {
-    link_length_m: f64,
-    link_mass_kg: f64,
-    link_com_from_upper_joint_m: f64,
-    link_inertia_transverse: f64,
-    link_inertia_axial: f64,
-    tip_mass_kg: f64,
-    tip_inertia_transverse: f64,
-    tip_inertia_axial: f64,
-    h_tip_m: f64,
-    joint0_stiffness_Nm_per_rad: f64,
-    joint_stiffness_Nm_per_rad: f64,
-    joint0_damping_Nms_per_rad: f64,
-    joint_damping_Nms_per_rad: f64,
+    #[serde(flatten)]
+    arm: PassiveArm,
     initial_ball_quaternions_wxyz: BTreeMap<String, Vec<f64>>,
+}
+
+impl Configuration {
+    fn start(&self, case: &str) -> ChainState {
+        bent(&self.initial_ball_quaternions_wxyz[case])
+    }
 }
 
 fn folder() -> PathBuf {
@@ -42,57 +41,6 @@ fn folder() -> PathBuf {
 fn parameters() -> Parameters {
     let text = std::fs::read_to_string(folder().join("passive_params.json")).expect("bundled parameters");
     serde_json::from_str(&text).expect("bundled parameters are JSON")
-}
-
-impl Configuration {
-    fn chain(&self, links: usize, gravity: f64) -> Chain {
-        let link = Link {
-            length_m: self.link_length_m,
-            mass_kg: self.link_mass_kg,
-            center_m: self.link_com_from_upper_joint_m,
-            inertia_transverse_kg_m2: self.link_inertia_transverse,
-            inertia_axial_kg_m2: self.link_inertia_axial,
-            drag_normal: 0.0,
-            drag_tangential: 0.0,
-        };
-        let joint = |stiffness, damping| Joint {
-            stiffness,
-            damping,
-            collapse_moment: f64::INFINITY,
-            hysteresis: None,
-        };
-        let mut joints = vec![joint(self.joint_stiffness_Nm_per_rad, self.joint_damping_Nms_per_rad); links];
-        joints[0] = joint(self.joint0_stiffness_Nm_per_rad, self.joint0_damping_Nms_per_rad);
-        Chain {
-            base: None,
-            links: vec![link; links],
-            joints,
-            tip: Tip {
-                mass_kg: self.tip_mass_kg,
-                offset_m: self.h_tip_m,
-                inertia_transverse_kg_m2: self.tip_inertia_transverse,
-                inertia_axial_kg_m2: self.tip_inertia_axial,
-                drag: 0.0,
-                slider: None,
-            },
-            growth: Growth::default(),
-            gravity,
-        }
-    }
-
-    fn start(&self, case: &str, links: usize) -> ChainState {
-        let mut state = ChainState::hanging(Vector3::zeros(), links);
-        let mut attitude = UnitQuaternion::identity();
-        for (link, q) in state
-            .links
-            .iter_mut()
-            .zip(self.initial_ball_quaternions_wxyz[case].chunks(4))
-        {
-            attitude *= UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]));
-            *link = attitude;
-        }
-        state
-    }
 }
 
 /// Tip positions every 10 ms for `duration_s`.
@@ -128,9 +76,9 @@ fn tip_follows_the_reference_swings() {
     let parameters = parameters();
     let default_step = flyvine::sim::VehicleParameters::default().simulation.max_step_s;
     for (name, configuration) in &parameters.configs {
-        let chain = configuration.chain(parameters.n_links, parameters.gravity);
+        let chain = configuration.arm.chain(parameters.n_links, parameters.gravity);
         for case in ["tilt30", "bent"] {
-            let mut state = configuration.start(case, parameters.n_links);
+            let mut state = configuration.start(case);
             let tips = swing(&chain, &mut state, default_step, 5.0);
             let error = rms(&tips, &reference(&format!("{name}_{case}")));
             // The bar of the project is 1 mm; this integrator is far inside it.
@@ -148,15 +96,8 @@ fn tip_follows_the_reference_swings() {
 fn error_falls_with_the_square_of_the_step() {
     let parameters = parameters();
     for (name, configuration) in &parameters.configs {
-        let chain = configuration.chain(parameters.n_links, parameters.gravity);
-        let tips = |step| {
-            swing(
-                &chain,
-                &mut configuration.start("tilt60", parameters.n_links),
-                step,
-                2.0,
-            )
-        };
+        let chain = configuration.arm.chain(parameters.n_links, parameters.gravity);
+        let tips = |step| swing(&chain, &mut configuration.start("tilt60"), step, 2.0);
         let converged = tips(1e-4);
         let (coarse, fine) = (rms(&tips(2e-3), &converged), rms(&tips(1e-3), &converged));
         let order = (coarse / fine).log2();
@@ -179,9 +120,9 @@ fn energy_is_kept_without_damping() {
         ("IL", "tilt60"),
     ] {
         let configuration = &parameters.configs[name];
-        let mut chain = configuration.chain(parameters.n_links, parameters.gravity);
+        let mut chain = configuration.arm.chain(parameters.n_links, parameters.gravity);
         chain.joints.iter_mut().for_each(|joint| joint.damping = 0.0);
-        let mut state = configuration.start(case, parameters.n_links);
+        let mut state = configuration.start(case);
         let start = total(&chain, &state);
         let (mut drift, mut greatest) = (0.0_f64, 0.0_f64);
         let mut integrator = RungeKutta4::new(chain.links.len());
@@ -219,7 +160,7 @@ fn other_arms_follow_the_explicit_integrator() {
         (8, "IL", 0.1, Some(0.01)),
     ] {
         let configuration = &parameters.configs[name];
-        let mut chain = configuration.chain(links, parameters.gravity);
+        let mut chain = configuration.arm.chain(links, parameters.gravity);
         let mut state = ChainState::hanging(Vector3::zeros(), links);
         for i in 0..links {
             let taper = 1.0 - 0.5 * i as f64 / links as f64;
@@ -264,7 +205,7 @@ fn other_arms_follow_the_explicit_integrator() {
 fn hysteresis_only_takes_energy() {
     let parameters = parameters();
     let configuration = &parameters.configs["IS"];
-    let mut chain = configuration.chain(parameters.n_links, parameters.gravity);
+    let mut chain = configuration.arm.chain(parameters.n_links, parameters.gravity);
     for joint in &mut chain.joints {
         joint.damping = 0.0;
         joint.hysteresis = Some(ElastoSlip {
@@ -272,7 +213,7 @@ fn hysteresis_only_takes_energy() {
             slip_moment: 0.02,
         });
     }
-    let mut state = configuration.start("bent", parameters.n_links);
+    let mut state = configuration.start("bent");
     let mut integrator = RungeKutta4::new(chain.links.len());
     let start = total(&chain, &state);
     let mut last = start;

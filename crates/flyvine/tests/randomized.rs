@@ -16,6 +16,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Commands of a flight, at 20 Hz: 14 s of motion, then a hover of 6 s in which the arm must come to rest.
 const ROWS: usize = 400;
@@ -57,7 +58,7 @@ enum Reason {
     Wind,
     /// Flown half as far, it comes to rest: the swing's amplitude is what the gains cannot hold.
     LargeMotion,
-    /// It takes both, calm air and half the distance.
+    /// It takes both, calm air and half the distance or a fifth of it.
     WindAndLargeMotion,
     /// None of these.
     Unknown,
@@ -178,11 +179,12 @@ impl Case {
         }
         let mut calm = self.parameters.clone();
         calm.wind = VehicleParameters::default().wind;
-        if self.fly(&calm, 1.0) == End::Settled {
+        let settles = |parameters: &VehicleParameters, size| self.fly(parameters, size) == End::Settled;
+        if settles(&calm, 1.0) {
             Reason::Wind
-        } else if self.fly(&self.parameters, 0.5) == End::Settled {
+        } else if settles(&self.parameters, 0.5) {
             Reason::LargeMotion
-        } else if self.fly(&calm, 0.5) == End::Settled {
+        } else if [0.5, 0.2].iter().any(|size| settles(&calm, *size)) {
             Reason::WindAndLargeMotion
         } else {
             Reason::Unknown
@@ -211,10 +213,11 @@ fn remaining_swing(parameters: &VehicleParameters, configuration: Configuration)
     range(&tips[160..]) / range(&tips[40..80])
 }
 
-/// Flies that many vehicles and prints how they ended. None may leave the finite numbers, and none may fail for the sake
+/// Flies these vehicles and prints how they ended. None may leave the finite numbers, and none may fail for the sake
 /// of the integration's step or without a known reason.
-fn campaign(vehicles: u64) {
-    let ends: Vec<(End, Option<Reason>)> = (0..vehicles)
+fn campaign(vehicles: Range<u64>) {
+    let ends: Vec<(End, Option<Reason>)> = vehicles
+        .clone()
         .into_par_iter()
         .map(|index| {
             let case = Case::draw(index);
@@ -232,11 +235,11 @@ fn campaign(vehicles: u64) {
         };
         table.entry(*reason).or_default()[column] += 1;
     }
-    println!("{vehicles} vehicles: settled, still swinging, out of the room, not finite");
+    println!("vehicles {vehicles:?}: settled, still swinging, out of the room, not finite");
     for (reason, counts) in &table {
         println!("{counts:6?} {reason:?}");
     }
-    let unexplained: Vec<_> = (0..vehicles)
+    let unexplained: Vec<_> = vehicles
         .zip(&ends)
         .filter(|(_, (end, reason))| {
             *end == End::Diverged || matches!(reason, Some(Reason::Step | Reason::Unknown))
@@ -247,11 +250,12 @@ fn campaign(vehicles: u64) {
 
 #[test]
 fn sixty_vehicles_fly_for_twenty_seconds() {
-    campaign(60);
+    campaign(0..60);
 }
 
 /// The default vehicle itself: a small swing dies in every configuration, and every flight stays in the room. Not all come
-/// to rest within 6 s: the short inflated arm, excited again and again, holds a swing of more than a metre.
+/// to rest within 6 s: the short inflated arm, whose mode of 0.8 Hz is damped by less than a fiftieth (`tests/hover.rs`), holds
+/// a swing of more than a metre when it is excited again and again.
 #[test]
 fn the_default_vehicle_is_stable_about_hover() {
     for length_m in [0.6, 0.7, 0.85, 1.0, 1.1] {
@@ -277,10 +281,11 @@ fn the_default_vehicle_is_stable_about_hover() {
     }
 }
 
-/// The whole campaign; `FLYVINE_VEHICLES` sets another number than ten thousand.
+/// The whole campaign, or the part of it that `FLYVINE_VEHICLES` names, as in `1606..1607`.
 #[test]
 #[ignore = "takes 25 minutes of one core"]
 fn ten_thousand_vehicles_fly_for_twenty_seconds() {
-    let vehicles = std::env::var("FLYVINE_VEHICLES").map_or(10_000, |text| text.parse().expect("a number"));
-    campaign(vehicles);
+    let text = std::env::var("FLYVINE_VEHICLES").unwrap_or("0..10000".to_owned());
+    let (first, end) = text.split_once("..").expect("FLYVINE_VEHICLES: FIRST..END");
+    campaign(first.parse().expect("a number")..end.parse().expect("a number"));
 }

@@ -4,7 +4,7 @@ use flyvine::flight::Configuration;
 use flyvine::link::Vehicle;
 use flyvine::sim::autopilot::Law;
 use flyvine::sim::contact::BallParameters;
-use flyvine::sim::{ParameterError, SimulatedVehicle, VehicleParameters};
+use flyvine::sim::{ParameterError, SimulatedVehicle, VehicleParameters, free};
 
 const CORNERS: [(f64, f64); 4] = [(0.7, 0.0), (0.7, 0.4), (1.0, 0.0), (1.0, 0.4)];
 
@@ -168,6 +168,40 @@ fn wind_and_payload_are_trimmed_at_the_start_and_felt_afterwards() {
     );
 }
 
+/// The guide's table of PX4's parameters says what the built-in vehicle has.
+#[test]
+fn the_guide_lists_the_autopilots_parameters() {
+    let guide = std::fs::read_to_string(
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/guide/src/own-vehicle.md"),
+    )
+    .expect("the guide is in the repository");
+    let defaults = toml::Table::try_from(VehicleParameters::default()).expect("serializes");
+    let autopilot = defaults["autopilot"].as_table().expect("a table");
+    let mut listed = vec![];
+    for row in guide
+        .lines()
+        .filter(|line| line.starts_with("| `") && !line.contains('{'))
+    {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let path = cells[1].trim_matches('`');
+        let value = match path.split_once('.') {
+            Some((table, key)) => &autopilot[table][key],
+            None => &autopilot[path],
+        };
+        let found: f64 = cells[4].parse().expect("a number");
+        assert_eq!(value.as_float(), Some(found), "{path}");
+        listed.push(path);
+    }
+    for table in ["position", "attitude", "rate"] {
+        for key in autopilot[table].as_table().expect("a table").keys() {
+            assert!(
+                listed.contains(&format!("{table}.{key}").as_str()),
+                "{table}.{key}"
+            );
+        }
+    }
+}
+
 #[test]
 fn toml_round_trip_and_partial_files() {
     let defaults = VehicleParameters::default();
@@ -213,6 +247,30 @@ fn bad_parameters_are_refused_by_name() {
     parameters.arm.corners.empty_long.stiffness_n_m2 = f64::NAN;
     let error = SimulatedVehicle::new(parameters).expect_err("NaN");
     assert!(matches!(error, ParameterError::NotFinite { .. }), "{error}");
+}
+
+/// A tied beam's parameters change both lengths' beams, and nothing of the other pressure's.
+#[test]
+fn tied_beams_change_both_lengths() {
+    let defaults = VehicleParameters::default();
+    for tied in free::tied_beams() {
+        let mut changed = defaults.clone();
+        (tied.set)(&mut changed, 1.1 * (tied.get)(&defaults));
+        let (old, new) = (&defaults.arm.corners, &changed.arm.corners);
+        let pairs = [
+            (old.empty_short, new.empty_short),
+            (old.empty_long, new.empty_long),
+            (old.inflated_short, new.inflated_short),
+            (old.inflated_long, new.inflated_long),
+        ];
+        let empty = tied.name.starts_with("arm.corners.empty");
+        assert_eq!(
+            pairs.map(|(a, b)| a != b),
+            [empty, empty, !empty, !empty],
+            "{}",
+            tied.name
+        );
+    }
 }
 
 #[test]

@@ -3,7 +3,9 @@
 //! Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 7, written in world-aligned coordinates at the
 //! joints, where eliminating a ball joint needs one 3 × 3 inverse and nothing is rotated. O(links), no allocation.
 
-use super::chain::{Base, Chain, ChainState, Load, Motion, axis, bend};
+use super::chain::{Base, Chain, Load};
+use super::rotation::{axis, bend};
+use super::state::{ChainState, Motion};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Articulated inertia and bias of a subtree, as felt at a point: `n = J α + H a + n₀`, `f = Hᵀ α + M a + f₀`.

@@ -19,6 +19,8 @@
 //! feel quadratic air drag, the base a linear one.
 
 use super::hysteresis::ElastoSlip;
+use super::rotation::{axis, bend};
+use super::state::ChainState;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// One rigid, axisymmetric link, hanging from its joint along its axis.
@@ -141,36 +143,6 @@ pub struct Chain {
     pub gravity: f64,
 }
 
-/// Positions and velocities, all in the world frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ChainState {
-    /// Position of the base's centre of mass, m.
-    pub position: Vector3<f64>,
-    /// Attitude `world_from_body` of the base.
-    pub attitude: UnitQuaternion<f64>,
-    /// Attitudes `world_from_link`.
-    pub links: Vec<UnitQuaternion<f64>>,
-    /// Sliders of the joints' hysteresis, in the parent link's axes, rad.
-    pub sliders: Vec<Vector3<f64>>,
-    /// How far the tip hangs beyond its rest position on the last link's axis, m.
-    pub extension: f64,
-    /// Velocities.
-    pub motion: Motion,
-}
-
-/// Velocities or accelerations of the coordinates.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Motion {
-    /// Linear part of the base, m/s or m/s².
-    pub linear: Vector3<f64>,
-    /// Angular part of the base, rad/s or rad/s².
-    pub angular: Vector3<f64>,
-    /// Angular part of each link, rad/s or rad/s².
-    pub links: Vec<Vector3<f64>>,
-    /// Rate of the tip's extension, m/s or m/s².
-    pub extension: f64,
-}
-
 /// What acts on the chain from outside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Load {
@@ -193,164 +165,6 @@ impl Default for Load {
             tip_force: Vector3::zeros(),
         }
     }
-}
-
-impl Motion {
-    /// At rest, for `links` links.
-    pub fn zeros(links: usize) -> Motion {
-        Motion {
-            linear: Vector3::zeros(),
-            angular: Vector3::zeros(),
-            links: vec![Vector3::zeros(); links],
-            extension: 0.0,
-        }
-    }
-
-    /// Copies `other`, of the same number of links, without allocating.
-    pub fn copy_from(&mut self, other: &Motion) {
-        self.linear = other.linear;
-        self.angular = other.angular;
-        self.extension = other.extension;
-        self.links.copy_from_slice(&other.links);
-    }
-
-    /// `self += factor · other`.
-    pub fn add_scaled(&mut self, factor: f64, other: &Motion) {
-        self.linear += factor * other.linear;
-        self.angular += factor * other.angular;
-        self.extension += factor * other.extension;
-        for (a, b) in self.links.iter_mut().zip(&other.links) {
-            *a += factor * b;
-        }
-    }
-}
-
-impl ChainState {
-    /// At rest with the base at `position` and the arm hanging straight down.
-    pub fn hanging(position: Vector3<f64>, links: usize) -> ChainState {
-        ChainState {
-            position,
-            attitude: UnitQuaternion::identity(),
-            links: vec![UnitQuaternion::identity(); links],
-            sliders: vec![Vector3::zeros(); links],
-            extension: 0.0,
-            motion: Motion::zeros(links),
-        }
-    }
-
-    /// Copies `other`, of the same number of links, without allocating.
-    pub fn copy_from(&mut self, other: &ChainState) {
-        self.position = other.position;
-        self.attitude = other.attitude;
-        self.extension = other.extension;
-        self.links.copy_from_slice(&other.links);
-        self.sliders.copy_from_slice(&other.sliders);
-        self.motion.copy_from(&other.motion);
-    }
-
-    /// Moves the coordinates of `from` along `motion` for `duration`: `p + h v`, `exp(h ω) q`.
-    pub fn advance(&mut self, from: &ChainState, duration: f64, motion: &Motion) {
-        self.position = from.position + duration * motion.linear;
-        self.extension = from.extension + duration * motion.extension;
-        self.attitude = rotate(duration * motion.angular, &from.attitude);
-        for ((link, start), rate) in self.links.iter_mut().zip(&from.links).zip(&motion.links) {
-            *link = rotate(duration * rate, start);
-        }
-    }
-
-    /// True if every coordinate and velocity is finite.
-    pub fn is_finite(&self) -> bool {
-        let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
-        finite(&self.position)
-            && finite(&self.motion.linear)
-            && finite(&self.motion.angular)
-            && self.extension.is_finite()
-            && self.motion.extension.is_finite()
-            && self.motion.links.iter().all(finite)
-            && self.attitude.coords.iter().all(|x| x.is_finite())
-            && self.links.iter().all(|q| q.coords.iter().all(|x| x.is_finite()))
-    }
-}
-
-/// Coefficients of cos(h) in powers of h².
-const COSINE: [f64; 6] = [
-    1.0,
-    -1.0 / 2.0,
-    1.0 / 24.0,
-    -1.0 / 720.0,
-    1.0 / 40_320.0,
-    -1.0 / 3_628_800.0,
-];
-/// Coefficients of sin(h)/h in powers of h².
-const SINC: [f64; 6] = [
-    1.0,
-    -1.0 / 6.0,
-    1.0 / 120.0,
-    -1.0 / 5040.0,
-    1.0 / 362_880.0,
-    -1.0 / 39_916_800.0,
-];
-/// Coefficients of 2 asin(s)/s in powers of s².
-const ARCSINE: [f64; 7] = [
-    2.0,
-    1.0 / 3.0,
-    3.0 / 20.0,
-    5.0 / 56.0,
-    35.0 / 576.0,
-    63.0 / 1408.0,
-    231.0 / 6656.0,
-];
-
-/// Horner's rule, coefficients in ascending powers.
-fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
-    coefficients
-        .iter()
-        .rev()
-        .fold(0.0, |sum, coefficient| sum * x + coefficient)
-}
-
-/// `exp(rotation) q`, renormalized by one Newton step (the error per step is of the rounding's order).
-fn rotate(rotation: Vector3<f64>, q: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    let squared = 0.25 * rotation.norm_squared();
-    // sin(h)/h and cos(h) of the half angle h: series to double precision for h < 0.25, else closed form.
-    let (cosine, sinc) = if squared < 0.0625 {
-        (polynomial(&COSINE, squared), polynomial(&SINC, squared))
-    } else {
-        let half = squared.sqrt();
-        (half.cos(), half.sin() / half)
-    };
-    let v = 0.5 * sinc * rotation;
-    let product = nalgebra::Quaternion::new(cosine, v.x, v.y, v.z) * q.quaternion();
-    UnitQuaternion::new_unchecked(product * (1.5 - 0.5 * product.norm_squared()))
-}
-
-/// Rotation vector of `child parent⁻¹`, world frame, rad: the bend of a joint.
-pub(super) fn bend(parent: &UnitQuaternion<f64>, child: &UnitQuaternion<f64>) -> Vector3<f64> {
-    let q = child.quaternion() * parent.quaternion().conjugate();
-    let (w, v) = if q.w < 0.0 {
-        (-q.w, -q.imag())
-    } else {
-        (q.w, q.imag())
-    };
-    let squared = v.norm_squared();
-    // 2 asin(s)/s of the half angle's sine s: series to double precision for s < 0.1, else closed form.
-    let scale = if squared < 0.01 {
-        polynomial(&ARCSINE, squared)
-    } else {
-        let sine = squared.sqrt();
-        2.0 * sine.atan2(w) / sine
-    };
-    scale * v
-}
-
-/// The link's axis d, pointing away from the clamp, world frame: `R (0, 0, −1)`.
-pub(super) fn axis(q: &UnitQuaternion<f64>) -> Vector3<f64> {
-    let (w, x, y, z) = (q.w, q.i, q.j, q.k);
-    Vector3::new(
-        -2.0 * (x * z + w * y),
-        -2.0 * (y * z - w * x),
-        -1.0 + 2.0 * (x * x + y * y),
-    )
 }
 
 impl Chain {

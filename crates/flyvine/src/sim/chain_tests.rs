@@ -4,6 +4,7 @@
 use super::articulated::Workspace;
 use super::chain::*;
 use super::integrator::RungeKutta4;
+use super::state::*;
 use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -40,6 +40,17 @@ pub fn all() -> Vec<FreeParameter> {
     let mut free = autopilot();
     free.extend(airframe());
     free.extend(arm());
+    free.extend(corner_beams());
+    free
+}
+
+/// The same with [`tied_beams`] instead of a beam of its own at every corner: fewer parameters, which say what an arm of
+/// the other length is like.
+pub fn all_tied() -> Vec<FreeParameter> {
+    let mut free = autopilot();
+    free.extend(airframe());
+    free.extend(arm());
+    free.extend(tied_beams());
     free
 }
 
@@ -93,7 +104,7 @@ pub fn airframe() -> Vec<FreeParameter> {
     ]
 }
 
-/// Masses, drag and bending of the arm.
+/// Masses and drag of the arm.
 pub fn arm() -> Vec<FreeParameter> {
     vec![
         free!(0.13, 0.22, 0.3, arm.tip_mass_kg),
@@ -103,6 +114,12 @@ pub fn arm() -> Vec<FreeParameter> {
         free!(0.2, 3.0, 0.6, arm.drag_coefficient_normal),
         free!(0.001, 0.05, 0.6, arm.tip_drag_area_m2),
         free!(0.03, 10.0, 0.6, arm.axial_damping_n_s_m),
+    ]
+}
+
+/// Bending and axial give of the four corners' beams.
+pub fn corner_beams() -> Vec<FreeParameter> {
+    vec![
         free!(0.003, 0.5, 1.5, arm.corners.empty_short.stiffness_n_m2),
         free!(0.003, 0.5, 1.5, arm.corners.inflated_short.stiffness_n_m2),
         free!(0.003, 0.5, 1.5, arm.corners.empty_long.stiffness_n_m2),
@@ -123,5 +140,96 @@ pub fn arm() -> Vec<FreeParameter> {
         free!(0.001, 0.06, 1.5, arm.corners.inflated_short.slack_m_n),
         free!(0.001, 0.3, 1.5, arm.corners.empty_long.slack_m_n),
         free!(0.001, 0.3, 1.5, arm.corners.inflated_long.slack_m_n),
+    ]
+}
+
+/// One [`FreeParameter`] of the short beam at a pressure, which the long one follows.
+macro_rules! tied {
+    ($low:expr, $high:expr, $short:ident, $long:ident, $property:ident, $long_over_short:expr) => {
+        FreeParameter {
+            name: concat!("arm.corners.", stringify!($short), ".", stringify!($property)),
+            low: $low,
+            high: $high,
+            spread: 1.5,
+            difference: 1e-3,
+            get: |parameters: &VehicleParameters| parameters.arm.corners.$short.$property,
+            set: |parameters: &mut VehicleParameters, value: f64| {
+                parameters.arm.corners.$short.$property = value;
+                parameters.arm.corners.$long.$property = value * $long_over_short;
+            },
+        }
+    };
+}
+
+/// Damping of the long beam over the short one's, (1.0 m / 0.7 m)^2.5: as a pendulum of length l with the tip's mass m has
+/// the stiffness m g l and the inertia m l², one damping ratio at every length takes a torque per rate ∝ l^1.5, which a
+/// beam of that length has with a damping ∝ l^2.5.
+const DAMPING_LONG_OVER_SHORT: f64 = 2.44;
+/// Length of tube, hence slack and stretch, of the long arm over the short one's: what clamp and tip leave.
+const TUBE_LONG_OVER_SHORT: f64 = 1.6;
+
+/// One beam per pressure, its properties at the short arm's length. Stiffness and wrinkling belong to the tube's section;
+/// slack and stretch add up along the tube; damping gives the swing one damping ratio.
+pub fn tied_beams() -> Vec<FreeParameter> {
+    vec![
+        tied!(0.002, 0.5, empty_short, empty_long, stiffness_n_m2, 1.0),
+        tied!(
+            0.0003,
+            0.1,
+            empty_short,
+            empty_long,
+            damping_n_m2_s,
+            DAMPING_LONG_OVER_SHORT
+        ),
+        tied!(0.01, 10.0, empty_short, empty_long, collapse_moment_n_m, 1.0),
+        tied!(
+            0.001,
+            0.2,
+            empty_short,
+            empty_long,
+            slack_m_n,
+            TUBE_LONG_OVER_SHORT
+        ),
+        tied!(
+            0.001,
+            0.03,
+            empty_short,
+            empty_long,
+            stretch_m_n,
+            TUBE_LONG_OVER_SHORT
+        ),
+        tied!(0.002, 0.5, inflated_short, inflated_long, stiffness_n_m2, 1.0),
+        tied!(
+            0.0003,
+            0.1,
+            inflated_short,
+            inflated_long,
+            damping_n_m2_s,
+            DAMPING_LONG_OVER_SHORT
+        ),
+        tied!(
+            0.01,
+            10.0,
+            inflated_short,
+            inflated_long,
+            collapse_moment_n_m,
+            1.0
+        ),
+        tied!(
+            0.001,
+            0.2,
+            inflated_short,
+            inflated_long,
+            slack_m_n,
+            TUBE_LONG_OVER_SHORT
+        ),
+        tied!(
+            0.001,
+            0.03,
+            inflated_short,
+            inflated_long,
+            stretch_m_n,
+            TUBE_LONG_OVER_SHORT
+        ),
     ]
 }

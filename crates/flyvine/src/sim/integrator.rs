@@ -10,7 +10,8 @@
 //! only for small steps and light damping. It serves as the undamped mode, and to check the other.
 
 use super::articulated::Workspace;
-use super::chain::{Chain, ChainState, Load, Motion};
+use super::chain::{Chain, Load};
+use super::state::{ChainState, Motion};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 /// γ = 1 − 1/√2 of the L-stable two-stage method: the fraction of the step at its first stage.
