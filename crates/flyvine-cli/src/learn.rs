@@ -23,7 +23,8 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 ///
 /// Every refit sees the recordings that the bank was fitted on and, weighted, the flights of the task so far, within a
 /// trust region about the parameters. How much the new flights may weigh is decided on recordings that are held out: a
-/// refit that predicts them worse is not accepted. What the model still misses, knot by knot, the next plan makes up for. Needs a bank of the physical family and a task of one configuration.
+/// refit that predicts them worse is not accepted. What the model still misses, knot by knot, the next plan makes up
+/// for. Needs a bank of the physical family and a task of one configuration.
 ///
 ///   flyvine learn examples/tasks/swing_ES.toml --bank bank.json --vehicle sim --rounds 3 --out run
 #[derive(Args)]
