@@ -11,7 +11,7 @@
 
 use flyvine::DT;
 use flyvine::flight::{Configuration, Flight, HygieneOptions, Sample, clean};
-use flyvine::link::{Observation, Vehicle, VehicleError};
+use flyvine::link::{Observation, Vehicle};
 use flyvine::model::physical::{PhysicalFitOptions, Room, design_flight};
 use flyvine::model::{Bank, Model, WindowKind, check, fit_physical_bank, refit_physical_bank};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// Flies the commands of the first [`DURATION_S`].
-fn fly(name: &str, commands: &[[f64; 3]], seed: u64) -> Result<Flight, VehicleError> {
+fn fly(name: &str, commands: &[[f64; 3]], seed: u64) -> Result<Flight, Box<dyn std::error::Error>> {
     let mut vehicle = SimulatedVehicle::new(VehicleParameters::default())?;
     let mut seen = vehicle.reset(CONFIGURATION, seed)?;
     let rows = commands.len().min((DURATION_S / DT) as usize);
