@@ -14,10 +14,10 @@ use crate::outcome::{Blame, CommandResult, Outcome, bad_input};
 
 /// Design the training flight that would improve a physical model most.
 ///
-/// Commands are put together, inside the room, so that their simulation is as sensitive as possible to what the fit
-/// left uncertain. Compared with recorded flights of the same duration, the gain is in nats: one nat more halves,
-/// about, what is open in one direction of the parameters (e⁻¹ in standard errors). The result is a table of commands
-/// (t_s, cmd_x, cmd_y, cmd_z, length_m, pressure_kpa) at 20 Hz.
+/// Commands are put together, inside the room and no livelier than swings, so that their simulation is as sensitive as
+/// possible to what the fit left uncertain. Compared with recorded flights of the same duration, the gain is in nats:
+/// one nat more halves, about, what is open in one direction of the parameters (e⁻¹ in standard errors). The result is
+/// a table of commands (t_s, cmd_x, cmd_y, cmd_z, length_m, pressure_kpa) at 20 Hz.
 ///
 ///   flyvine excite bank.json --length 0.7 --pressure 0 --out excite.csv --compare recordings/ES_*.csv
 #[derive(Args)]

@@ -10,7 +10,7 @@ use flyvine::flight::{Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::{Bank, InputFile, Learner, Lesson};
 use flyvine::report::Score;
 use flyvine::run::{experiment_folder, score_flight};
-use flyvine::task::{PlanOptions, Task, make_plan, write_plan};
+use flyvine::task::{PlanOptions, Task, make_corrected_plan, write_plan};
 use serde::Serialize;
 
 use crate::console::{centimetres, print, print_json, say, table};
@@ -23,7 +23,8 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 ///
 /// Every refit sees the recordings that the bank was fitted on and, weighted, the flights of the task so far, within a
 /// trust region about the parameters. How much the new flights may weigh is decided on recordings that are held out: a
-/// refit that predicts them worse is not accepted. Needs a bank of the physical family and a task of one configuration.
+/// refit that predicts them worse is not accepted. What the model still misses, knot by knot, the next plan makes up
+/// for. Needs a bank of the physical family and a task of one configuration.
 ///
 ///   flyvine learn examples/tasks/swing_ES.toml --bank bank.json --vehicle sim --rounds 3 --out run
 #[derive(Args)]
@@ -89,7 +90,7 @@ pub fn run(arguments: &LearnArguments) -> CommandResult {
         let folder = experiment_folder(&arguments.out, &format!("{}_round_{number}", task.name));
         let bank_path = arguments.out.join(format!("bank_round_{number}.json"));
         learner.bank().write(&bank_path).or_internal()?;
-        let (mut round, flight) = fly_round(arguments, &task, learner.bank(), &bank_path, &folder, number)?;
+        let (mut round, flight) = fly_round(arguments, &task, &learner, &bank_path, &folder, number)?;
         if round.score.rows_missing > 0 {
             say("warning: end-effector poses are missing from this flight");
         }
@@ -152,7 +153,7 @@ fn recordings(arguments: &LearnArguments, bank: &Bank) -> Result<Vec<PathBuf>, F
 fn fly_round(
     arguments: &LearnArguments,
     task: &Task,
-    bank: &Bank,
+    learner: &Learner,
     bank_path: &Path,
     folder: &Path,
     number: usize,
@@ -164,7 +165,7 @@ fn fly_round(
         ..PlanOptions::default()
     };
     say(&format!("round {number}: planning {} …", task.name));
-    let plan = make_plan(task, bank, &options).or_input()?;
+    let plan = make_corrected_plan(task, learner.bank(), learner.model_error_m(), &options).or_input()?;
     write_plan(&folder.join("plan.json"), &plan).or_internal()?;
     if !plan.solve.converged {
         say(&format!(

@@ -1,10 +1,12 @@
 //! Real flights: Crazyflies that carry a payload together, seen from one of them (see the shared data's README).
 
-#![allow(clippy::print_stderr)] // why a test was skipped
+#[path = "../../flyvine/tests/common/mod.rs"]
+mod common;
 
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
+use common::shared_data;
 use predicates::str::contains;
 
 fn flyvine() -> Command {
@@ -14,19 +16,7 @@ fn flyvine() -> Command {
 /// The flights of two vehicles in `room`, at 20 Hz; `None`, said on stderr, without the shared data.
 fn flights(room: &str, folder: &Path) -> Option<Vec<PathBuf>> {
     let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let data =
-        std::env::var_os("FLYVINE_SHARED_DATA").map_or(repository.join("../shared/data"), PathBuf::from);
-    let team = data.join("slung_load/cf_slung_team");
-    if !team.is_dir() {
-        let required = std::env::var_os("FLYVINE_REQUIRE_SHARED_DATA").is_some_and(|value| value == "1");
-        assert!(
-            !required,
-            "shared data required, but {} is absent",
-            team.display()
-        );
-        eprintln!("skipped: no shared data at {}", team.display());
-        return None;
-    }
+    let team = shared_data("slung_load/cf_slung_team")?.join("slung_load/cf_slung_team");
     let mut names: Vec<String> = std::fs::read_dir(&team)
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())

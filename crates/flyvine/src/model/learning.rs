@@ -4,16 +4,21 @@
 //! next one worse. So every refit sees all recordings, the task's flights weighted, within a trust region about the
 //! parameters so far; and how much a flight may weigh is decided on recordings that are held out: of several weights
 //! the greatest one whose trial predicts them no worse than without the flight.
+//!
+//! What the model still misses, however it is fitted, comes again in the next flight of the task: by how much the end
+//! effector was off the model's own motion is known knot by knot, and the next plan makes up for it.
 
 use super::bank::{Bank, BankModel, ModelDiagnostics};
 use super::check::predict;
 use super::error::ModelError;
 use super::families::Family;
-use super::physical::PhysicalFitOptions;
+use super::physical::{PhysicalFitOptions, offset};
 use super::physical_bank::refit_physical_bank;
+use super::rollout::advance;
 use super::selection::{HORIZONS, HeldOutError, pool};
 use super::track::constant_configuration;
 use crate::flight::{Configuration, Flight};
+use crate::trajopt::Dynamics;
 use serde::Serialize;
 
 /// Weights that are tried for the task's flights, the greatest first.
@@ -33,6 +38,8 @@ pub struct Learner {
     flown: Vec<Flight>,
     /// Weight of the flights that were flown, as last accepted.
     weight: f64,
+    /// By how much the end effector was off the model in the last flight (rows × 3), m.
+    model_error_m: Vec<[f64; 3]>,
 }
 
 /// One weight that was tried.
@@ -84,12 +91,19 @@ impl Learner {
             recordings: recordings.iter().filter(here).cloned().collect(),
             flown: Vec::new(),
             weight: 0.0,
+            model_error_m: Vec::new(),
         })
     }
 
     /// The model to plan with.
     pub fn bank(&self) -> &Bank {
         &self.bank
+    }
+
+    /// By how much the end effector was off the model in the last flight, row by row, m; empty before the first.
+    /// For [`crate::task::make_corrected_plan`].
+    pub fn model_error_m(&self) -> &[[f64; 3]] {
+        &self.model_error_m
     }
 
     /// Number of recordings that are fitted beside the task's flights.
@@ -144,6 +158,9 @@ impl Learner {
             self.bank = refit(&self.bank, &self.recordings, &flown, weight)?;
             self.weight = weight;
         }
+        if let Some(last) = flown.last() {
+            self.model_error_m = simulation_error(&self.bank, last)?;
+        }
         self.flown = flown;
         Ok(lesson)
     }
@@ -161,6 +178,28 @@ fn refit(bank: &Bank, recordings: &[Flight], flown: &[Flight], weight: f64) -> R
         .0
         .with_band(bank.band().cloned())?
         .with_noise(bank.noise().copied())
+}
+
+/// By how much the end effector was off the simulation of `flight`, from rest, in every row, m. Where it was not seen, as
+/// far as in the row before.
+fn simulation_error(bank: &Bank, flight: &Flight) -> Result<Vec<[f64; 3]>, ModelError> {
+    let Some(first) = flight.samples.first() else {
+        return Ok(Vec::new());
+    };
+    let model = bank.at(first.configuration)?;
+    let mut state = model.rest_state(first.configuration);
+    let mut fresh = vec![0.0; model.fresh_len()];
+    let mut error = [0.0; 3];
+    let mut errors = Vec::with_capacity(flight.samples.len());
+    for (row, sample) in flight.samples.iter().enumerate() {
+        if let Some(tip) = sample.end_effector {
+            error = std::array::from_fn(|axis| tip[axis] - state[offset::TIP + axis]);
+        }
+        errors.push(error);
+        model.step(row, &state, &sample.command, &mut fresh);
+        advance(&mut state, &fresh);
+    }
+    Ok(errors)
 }
 
 fn error(bank: &Bank, flights: &[Flight]) -> Result<Option<HeldOutError>, ModelError> {
@@ -221,6 +260,18 @@ mod tests {
         assert!(lesson.accepted.is_some() && lesson.before.is_none());
         let after = error_on(learner.bank(), &unseen);
         assert!(after < 0.5 * before, "{before} m, then {after} m");
+
+        // What is left is known knot by knot: a marker that slipped is seen in every row.
+        let mut slipped = flight(&vehicle, 1, 80);
+        slipped.name = "slipped".into();
+        for sample in &mut slipped.samples[40..] {
+            sample.end_effector = sample.end_effector.map(|[x, y, z]| [x, y, z + 0.1]);
+        }
+        let error = simulation_error(learner.bank(), &slipped).unwrap();
+        let own = learner.model_error_m();
+        assert_eq!((own.len(), error[39]), (80, own[39]));
+        assert!(own.iter().flatten().all(|error| error.abs() < 0.02), "{own:?}");
+        assert!((error[60][2] - own[60][2] - 0.1).abs() < 1e-12);
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub use plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
     Sensitivity, SolveSummary, read_plan, write_plan, write_plan_csv,
 };
-pub use planning::{make_ensemble_plan, make_plan};
+pub use planning::{make_corrected_plan, make_ensemble_plan, make_plan};
 pub use problem::pose_problem;
 pub use reference::Reference;
 pub use training::{TrainingFlight, test_flight, training_flights};

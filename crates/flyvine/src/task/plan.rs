@@ -46,6 +46,10 @@ pub struct Plan {
     pub provenance: Provenance,
     /// The models it was made on; for an ensemble the first member's, on which `states` and `gains` are.
     pub bank: Bank,
+    /// What the end effector was off the model's prediction in an earlier flight, which the plan makes up for (N × 3), m;
+    /// empty if nothing was learnt.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub model_error_m: Vec<[f64; 3]>,
     /// What each member of an ensemble makes of the commands; empty for a plan on one bank.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ensemble: Vec<MemberPrediction>,
@@ -236,9 +240,12 @@ impl Plan {
         self.states.iter().map(|x| [x[0], x[1], x[2]]).collect()
     }
 
-    /// Predicted end-effector positions (N × 3), m.
+    /// Predicted end-effector positions (N × 3), m: the model's, and what it was off by.
     pub fn predicted_end_effector(&self) -> Vec<[f64; 3]> {
-        self.states.iter().map(|x| [x[6], x[7], x[8]]).collect()
+        let off = |knot: usize| self.model_error_m.get(knot).unwrap_or(&[0.0; 3]);
+        let predicted =
+            |(knot, x): (usize, &Vec<f64>)| std::array::from_fn(|axis| x[6 + axis] + off(knot)[axis]);
+        self.states.iter().enumerate().map(predicted).collect()
     }
 
     /// Refuses a plan that cannot be flown, naming the field.
@@ -256,6 +263,12 @@ impl Plan {
             if found != expected {
                 return Err(format!("{field}: found {found} entries, expected {expected}"));
             }
+        }
+        let learnt = self.model_error_m.len();
+        if learnt != 0 && learnt != knots {
+            return Err(format!(
+                "model_error_m: found {learnt} entries, expected {knots} or none"
+            ));
         }
         let state_len = self.states[0].len();
         if state_len < SIGNALS.len() || self.states.iter().any(|state| state.len() != state_len) {

@@ -6,6 +6,7 @@ use super::plan::{
     CommandReferenceSummary, MemberPrediction, PLAN_SCHEMA_VERSION, Plan, PlanError, PlanOptions, Provenance,
     SCHEMA,
 };
+use super::problem::make_up_for;
 use super::solve::{Names, Optimized};
 use super::{CommandReference, Motion, Reference, Task, TaskError, pose_problem};
 use crate::flight::{Configuration, SIGNALS};
@@ -23,6 +24,32 @@ const TARGET_PRICE: f64 = 3000.0;
 /// The bank does not cover the task's configurations, or the problem is malformed. A solve that does not
 /// converge is reported in [`Plan::solve`], with the best commands found.
 pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan, PlanError> {
+    make_corrected_plan(task, bank, &[], options)
+}
+
+/// Plans `task` on `bank` and makes up for what the end effector was off the model's prediction at every knot of an
+/// earlier flight, `model_error_m` (N × 3; empty: nothing is known). References, demands and bounds on the end effector
+/// are met by prediction plus error ("modifier adaptation": Marchetti, Chachuat & Bonvin 2009, J. Process Control 19);
+/// obstacles and the supported region are the model's own.
+///
+/// # Errors
+/// As [`make_plan`]; an error that is not finite, or not of N knots.
+pub fn make_corrected_plan(
+    task: &Task,
+    bank: &Bank,
+    model_error_m: &[[f64; 3]],
+    options: &PlanOptions,
+) -> Result<Plan, PlanError> {
+    let finite = model_error_m.iter().flatten().all(|value| value.is_finite());
+    if !finite || !(model_error_m.is_empty() || model_error_m.len() == task.knots()) {
+        let found = format!(
+            "{} rows{}",
+            model_error_m.len(),
+            if finite { "" } else { ", not all finite" }
+        );
+        let expected = "none, or a finite x, y and z for every knot";
+        return Err(TaskError::value(&task.name, "model_error_m", found, expected).into());
+    }
     let malformed = |source| PlanError::Problem {
         task: task.name.clone(),
         source,
@@ -30,7 +57,7 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
     let reference = task.reference();
     let model = OnBank::new(task, &reference, bank)?;
     let command_reference = model.command_reference(task, &reference);
-    let problem = model.problem(task, &reference, &command_reference);
+    let problem = model.problem(task, &reference, &command_reference, model_error_m);
     let constraints = constraints(task, &reference.configurations, bank, &model.start)?;
     let names = Names::positions(model.names());
     let Some(growth) = &task.growth else {
@@ -45,7 +72,7 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
                 .regulate(&optimized.solution.commands)
                 .map_err(malformed)?
         };
-        return Ok(plan(
+        let plan = plan(
             task,
             bank,
             &reference,
@@ -53,7 +80,8 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
             &optimized,
             motion,
             options,
-        ));
+        );
+        return Ok(plan.making_up_for(model_error_m));
     };
 
     let (growing, posed) = growth.pose(task, bank, &problem);
@@ -79,7 +107,7 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
         .collect();
     let mut regulator = Solver::new(&problem, &along.dynamics, options.solver.clone()).map_err(malformed)?;
     let motion = regulator.regulate(&commands).map_err(malformed)?;
-    Ok(plan(
+    let plan = plan(
         task,
         bank,
         &reference,
@@ -87,7 +115,8 @@ pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan
         &optimized,
         motion,
         options,
-    ))
+    );
+    Ok(plan.making_up_for(model_error_m))
 }
 
 /// Plans `task` on several banks at once: one command, every bank's own motion.
@@ -116,7 +145,7 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
     let command_reference = models[0].command_reference(task, &reference);
     let problems: Vec<Problem> = models
         .iter()
-        .map(|model| model.problem(task, &reference, &command_reference))
+        .map(|model| model.problem(task, &reference, &command_reference, &[]))
         .collect();
     if task.growth.is_some() {
         let expected = "one bank: for an ensemble, give the configurations ([deploy])";
@@ -209,7 +238,16 @@ impl Plan {
         };
         let model = OnBank::new(&self.task, &reference, &self.bank)?;
         let command_reference = model.command_reference(&self.task, &reference);
-        Ok(model.problem(&self.task, &reference, &command_reference))
+        Ok(model.problem(&self.task, &reference, &command_reference, &self.model_error_m))
+    }
+
+    /// The same plan, which was posed to make up for the model's error.
+    fn making_up_for(mut self, model_error_m: &[[f64; 3]]) -> Self {
+        if !model_error_m.is_empty() {
+            self.model_error_m = model_error_m.to_vec();
+            self.solve.predicted_error_m = mean_distance_m(&self.predicted_end_effector(), &self.reference);
+        }
+        self
     }
 
     /// What the plan's task demands of the whole motion.
@@ -258,9 +296,19 @@ impl OnBank {
         CommandReference::build(task, reference, &self.dynamics, &self.start)
     }
 
-    fn problem(&self, task: &Task, reference: &Reference, command_reference: &CommandReference) -> Problem {
+    fn problem(
+        &self,
+        task: &Task,
+        reference: &Reference,
+        command_reference: &CommandReference,
+        model_error_m: &[[f64; 3]],
+    ) -> Problem {
         let lags = self.dynamics.at_knot(0).lags();
-        pose_problem(task, reference, &command_reference.commands, &self.start, lags)
+        let mut problem = pose_problem(task, reference, &command_reference.commands, &self.start, lags);
+        if !model_error_m.is_empty() {
+            make_up_for(&mut problem, model_error_m, lags);
+        }
+        problem
     }
 }
 
@@ -301,6 +349,7 @@ fn plan(
         configurations: reference.configurations.clone(),
         reference: reference.end_effector.clone(),
         bank: bank.clone(),
+        model_error_m: Vec::new(),
         ensemble: Vec::new(),
     }
 }
@@ -308,16 +357,19 @@ fn plan(
 /// Mean distance from end effector to reference over flat states (N × n), m.
 pub(super) fn mean_error_m(reference: &Reference, states: &[f64]) -> f64 {
     let knots = reference.end_effector.len();
-    let distances = states
+    let tips: Vec<[f64; 3]> = states
         .chunks_exact(states.len() / knots)
-        .zip(&reference.end_effector)
-        .map(|(state, target)| {
-            (0..3)
-                .map(|axis| (state[6 + axis] - target[axis]).powi(2))
-                .sum::<f64>()
-                .sqrt()
-        });
-    distances.sum::<f64>() / knots as f64
+        .map(|state| [state[6], state[7], state[8]])
+        .collect();
+    mean_distance_m(&tips, &reference.end_effector)
+}
+
+fn mean_distance_m(a: &[[f64; 3]], b: &[[f64; 3]]) -> f64 {
+    let distance = |(a, b): (&[f64; 3], &[f64; 3])| {
+        let squares = (0..3).map(|axis| (a[axis] - b[axis]).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    a.iter().zip(b).map(distance).sum::<f64>() / a.len() as f64
 }
 
 fn predict(task: &Task, reference: &Reference, problem: &Problem, states: &[f64]) -> MemberPrediction {

@@ -131,6 +131,45 @@ pub fn pose_problem(
     }
 }
 
+/// Asks of the model, wherever `problem` asks for an end effector, what makes up for its error: `error_m` (N × 3) is by
+/// how much the end effector was off the model's prediction at every knot.
+///
+/// What the first `9 · lags` entries of the state are is as for [`pose_problem`].
+pub(super) fn make_up_for(problem: &mut Problem, error_m: &[[f64; 3]], lags: usize) {
+    let error = |knot: usize, index: usize| match index.checked_sub(END_EFFECTOR) {
+        Some(axis) if axis < 3 => error_m[knot][axis],
+        _ => 0.0,
+    };
+    let state_len = problem.start.len();
+    for (knot, row) in problem.state_reference.chunks_exact_mut(state_len).enumerate() {
+        for (lag, block) in row[..STATE * lags].chunks_exact_mut(STATE).enumerate() {
+            for (index, value) in block.iter_mut().enumerate() {
+                *value -= error(knot.saturating_sub(lag), index);
+            }
+        }
+    }
+    for equality in &mut problem.equalities {
+        equality.value -= error(equality.knot, equality.index);
+    }
+    let bounds = std::mem::take(&mut problem.state_bounds);
+    for bound in bounds {
+        if !(END_EFFECTOR..STATE).contains(&bound.index) {
+            problem.state_bounds.push(bound);
+            continue;
+        }
+        let at = |knot| StateBound {
+            first_knot: knot,
+            last_knot: knot,
+            lower: bound.lower - error(knot, bound.index),
+            upper: bound.upper - error(knot, bound.index),
+            ..bound
+        };
+        problem
+            .state_bounds
+            .extend((bound.first_knot..=bound.last_knot).map(at));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -178,5 +217,37 @@ mod tests {
         let knots: Vec<usize> = problem.equalities.iter().map(|equality| equality.knot).collect();
         assert_eq!(knots, [25, 25, 24, 24]);
         assert_eq!(problem.state_bounds.len(), 2);
+    }
+
+    #[test]
+    fn what_makes_up_for_an_error_is_as_far_off_the_other_way() {
+        let task = task(
+            "name = 's'\nconfiguration = { length_m = 0.7, pressure_kpa = 0.0 }\n\
+             [[state_bounds]]\nsignal = 'ee_z'\nlower = 0.3\n[swing]\ntarget_m = [1.5, 1.0]",
+        );
+        let rest = [0.0, 0.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.8];
+        let commands = vec![[0.0, 0.0, 1.5]; task.knots() - 1];
+        let asked = pose_problem(&task, &task.reference(), &commands, &rest.repeat(2), 2);
+        let error: Vec<[f64; 3]> = (0..task.knots())
+            .map(|knot| [0.01 * knot as f64, 0.0, -0.02])
+            .collect();
+        let mut posed = asked.clone();
+        make_up_for(&mut posed, &error, 2);
+        let moved = |knot: usize, index: usize| {
+            posed.state_reference[18 * knot + index] - asked.state_reference[18 * knot + index]
+        };
+        assert!((moved(10, 6) + 0.1).abs() < 1e-12 && (moved(10, 15) + 0.09).abs() < 1e-12);
+        assert!((moved(10, 8) - 0.02).abs() < 1e-12 && moved(10, 0) == 0.0);
+        let values = |problem: &Problem| problem.equalities.iter().map(|e| e.value).collect::<Vec<_>>();
+        let expected = [1.5 - 0.25, 1.0 + 0.02, 1.4 - 0.24, 0.9 + 0.02];
+        for (found, expected) in values(&posed).into_iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+        let floor: Vec<f64> = (posed.state_bounds.iter())
+            .filter(|bound| bound.index == 8)
+            .map(|bound| bound.lower)
+            .collect();
+        assert_eq!((floor.len(), floor[0]), (task.knots() - 1, 0.32));
+        assert_eq!(posed.start, asked.start);
     }
 }

@@ -29,13 +29,22 @@ pub struct AutopilotRates<S> {
     pub angular_acceleration_setpoint: Vector<S>,
 }
 
-/// Evaluates the cascade for the position setpoint `command`, which moves at `command_velocity`.
+/// What the autopilot is told.
+pub struct Setpoint<S> {
+    /// m.
+    pub position: Vector<S>,
+    /// How fast that moved since the command before, m/s: the velocity that some autopilots are told, too.
+    pub velocity: Vector<S>,
+    /// How fast that velocity changed, m/s².
+    pub acceleration: Vector<S>,
+}
+
+/// Evaluates the cascade for `setpoint`.
 pub fn autopilot<S: Scalar>(
     parameters: &Parameters<S>,
     state: &State<S>,
     rotation: &Attitude<S>,
-    command: &Vector<S>,
-    command_velocity: &Vector<S>,
+    setpoint: &Setpoint<S>,
 ) -> AutopilotRates<S> {
     let p = parameters;
     let per_axis = |horizontal: S, vertical: S, v: &Vector<S>| {
@@ -47,16 +56,17 @@ pub fn autopilot<S: Scalar>(
     let [vx, vy, vz] = per_axis(
         p.position_gain_xy,
         p.position_gain_z,
-        &(*command - state.position),
+        &(setpoint.position - state.position),
     )
     .0;
     let [vz] = limit_length([vz], p.vertical_speed_limit);
-    let velocity_error = Vector([vx, vy, vz]) + *command_velocity * p.velocity_feedforward - state.velocity;
+    let velocity_error = Vector([vx, vy, vz]) + setpoint.velocity * p.velocity_feedforward - state.velocity;
 
-    // Velocity loop: a = P e + I − D v̇, v̇ by a first-order high-pass of the velocity.
+    // Velocity loop and feed-forward: a = P e + I − D v̇ + f ü, v̇ by a first-order high-pass of the velocity.
     let acceleration = (state.velocity - state.filtered_velocity) * p.derivative_time_constant.recip();
     let wanted = per_axis(p.velocity_gain_xy, p.velocity_gain_z, &velocity_error) + state.integrator
-        - per_axis(p.derivative_gain_xy, p.derivative_gain_z, &acceleration);
+        - per_axis(p.derivative_gain_xy, p.derivative_gain_z, &acceleration)
+        + setpoint.acceleration * p.acceleration_feedforward;
 
     // Tilt limit: horizontal part at most g tan(limit); thrust along (a_x, a_y, g).
     let [ax, ay] = limit_length([wanted.0[0], wanted.0[1]], p.tilt_limit.tan() * GRAVITY);

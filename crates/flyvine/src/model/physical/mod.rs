@@ -5,7 +5,8 @@
 //! Masses are counted in quadrotor masses, since poses tell only their ratios. With the commanded position u
 //! arriving after a delay, position p, velocity v, up-axis b and collective thrust T per total mass:
 //!
-//! - **autopilot** (`autopilot.rs`): `v_sp = K_p (u − p)`, `a = P (v_sp − v) + I − D v̇`, thrust along
+//! - **autopilot** (`autopilot.rs`): `v_sp = K_p (u − p)`, `a = P (v_sp − v) + I − D v̇`, each with a feed-forward of the
+//!   command's own rates where the vehicle is sent those, thrust along
 //!   `(a_x, a_y, g)` with limited tilt and the excess fed back to the integrator I; quaternion attitude loop
 //!   `ω_sp = 2 K vec(q* ⊗ q_sp)`, rate loop and motors as lags; the structure of PX4's cascade, whose default
 //!   gains are the means of the priors. Limits have rounded corners (`limits.rs`);

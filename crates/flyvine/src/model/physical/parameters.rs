@@ -101,6 +101,7 @@ parameters! {
     Vehicle thrust_time_constant: "s", 0.03 in 0.001..0.3, Log 0.5, "lag of the collective thrust (motors)";
     Vehicle command_delay: "s", 0.035 in 0.0..0.1, Linear 0.03, "transport delay of the position command";
     Vehicle velocity_feedforward: "1", 0.0 in -0.5..1.5, Linear 1.0, "share of the commanded velocity that the velocity loop is given beside the position loop's";
+    Vehicle acceleration_feedforward: "1", 0.0 in -0.5..1.5, Linear 1.0, "share of the commanded acceleration that the attitude loop is given beside the velocity loop's";
     Vehicle quadrotor_drag: "1/s", 0.1 in 0.001..2.0, Log 1.0, "linear drag of the quadrotor per its mass";
     Vehicle arm_torque_gain: "1/m^2", 50.0 in 0.1..1000.0, Log 1.5, "quadrotor mass over its moment of inertia, as far as the rate loop lets the arm turn it";
     Arm base_offset: "m", 0.05 in -0.05..0.3, Linear 0.05, "arm's base below the quadrotor's reference point";
@@ -140,8 +141,8 @@ impl Parameters<f64> {
         }))
     }
 
-    /// Variables of a derivative with respect to the coordinates. No feed-forward at all is a vehicle that is not sent
-    /// velocities: then it is a constant, of which flights say nothing.
+    /// Variables of a derivative with respect to the coordinates. No feed-forward of velocities is a vehicle that is
+    /// not sent any: then both feed-forwards are constants, of which flights say nothing.
     pub fn variables(&self) -> Parameters<Dual<PARAMETER_COUNT>> {
         let values = self.to_array();
         let mut variables = Parameters::from_array(std::array::from_fn(|i| {
@@ -149,6 +150,7 @@ impl Parameters<f64> {
         }));
         if self.velocity_feedforward == 0.0 {
             variables.velocity_feedforward = Dual::from(0.0);
+            variables.acceleration_feedforward = Dual::from(0.0);
         }
         variables
     }

@@ -1,7 +1,7 @@
 //! One knot of the model: semi-implicit Euler substeps of quadrotor, autopilot and arm.
 
 use super::arm::{ArmLength, accelerations, base, link_lengths};
-use super::autopilot::autopilot;
+use super::autopilot::{Setpoint, autopilot};
 use super::parameters::Parameters;
 use super::scalar::Scalar;
 use super::state::{LINKS, State};
@@ -37,14 +37,6 @@ pub fn step<S: Scalar>(
     now
 }
 
-/// What the autopilot is told.
-struct Setpoint<S> {
-    /// m.
-    position: Vector<S>,
-    /// How fast that moved since the command before, m/s: the velocity that some autopilots are told, too.
-    velocity: Vector<S>,
-}
-
 /// The set-point in force during the substep that ends at `t_s` after the knot: the transport delay after a command was
 /// sent it begins to replace the one before, by its share of the substep.
 fn setpoint_in_force<S: Scalar>(
@@ -54,14 +46,17 @@ fn setpoint_in_force<S: Scalar>(
     t_s: f64,
 ) -> Setpoint<S> {
     let [before, long_before] = state.commands;
-    let setpoints = [(*command, before), (before, long_before)].map(|(position, earlier)| Setpoint {
+    let velocities =
+        [(*command, before), (before, long_before)].map(|(new, old)| (new - old).scale(1.0 / DT));
+    // The latest one, for older set-points too: about the middle one that is the central difference.
+    let acceleration = (velocities[0] - velocities[1]).scale(1.0 / DT);
+    let setpoint = |position, velocity| Setpoint {
         position,
-        velocity: (position - earlier).scale(1.0 / DT),
-    });
-    let oldest = Setpoint {
-        position: long_before,
-        velocity: setpoints[1].velocity,
+        velocity,
+        acceleration,
     };
+    let setpoints = [setpoint(*command, velocities[0]), setpoint(before, velocities[1])];
+    let oldest = setpoint(long_before, velocities[1]);
     let [newest, newer] = setpoints;
     let newer = newer.replacing(oldest, arrived(parameters, t_s + DT));
     newest.replacing(newer, arrived(parameters, t_s))
@@ -84,6 +79,7 @@ impl<S: Scalar> Setpoint<S> {
         Setpoint {
             position: older.position + (self.position - older.position) * share,
             velocity: older.velocity + (self.velocity - older.velocity) * share,
+            acceleration: self.acceleration,
         }
     }
 }
@@ -98,7 +94,7 @@ fn advance<S: Scalar>(
     const H: f64 = SUBSTEP_S;
     let p = parameters;
     let rotation = state.rotation();
-    let pilot = autopilot(p, state, &rotation, &setpoint.position, &setpoint.velocity);
+    let pilot = autopilot(p, state, &rotation, setpoint);
     let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration);
 
     // First-order lags by implicit Euler: x⁺ = x + (x_sp − x) h / (τ + h).

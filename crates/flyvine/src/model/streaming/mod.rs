@@ -25,6 +25,7 @@ use super::features::quadratic_len;
 use super::lag::{CommandInputs, HEIGHT_ROW};
 use super::options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 use super::selection::Candidate;
+use super::support::SupportCounts;
 use super::track::{Track, constant_configuration};
 use crate::Shard;
 use crate::file::write_whole;
@@ -37,7 +38,7 @@ use std::path::Path;
 /// What a partial fit's file says it is.
 const SCHEMA: &str = "flyvine-partial-fit";
 /// Version of the format of partial fits that this library writes and reads.
-pub const PARTIAL_FIT_SCHEMA_VERSION: u64 = 1;
+pub const PARTIAL_FIT_SCHEMA_VERSION: u64 = 2;
 /// Share by which rounding may enlarge a residual before sums are refused.
 const ALLOWED_EXCESS: f64 = 1e-10;
 
@@ -57,6 +58,8 @@ pub struct PartialFit {
     /// Flights that are no corner's, or change their configuration.
     unused: Vec<String>,
     inputs: Vec<InputFile>,
+    /// What all of its flights showed, those of no corner too.
+    shown: SupportCounts,
     cells: Vec<Cell>,
 }
 
@@ -140,6 +143,7 @@ impl PartialFit {
             end: start,
             unused: Vec::new(),
             inputs: Vec::new(),
+            shown: SupportCounts::default(),
             cells: Vec::new(),
         })
     }
@@ -172,6 +176,7 @@ impl PartialFit {
             self.take_input(&flight.name, input.clone())?;
         }
         for ((flight, _), reduced) in flights.iter().zip(reduced) {
+            self.shown.add(flight);
             match reduced {
                 Some((configuration, sums)) => self.push(&flight.name, configuration, sums),
                 None => self.unused.push(flight.name.clone()),
@@ -228,6 +233,7 @@ impl PartialFit {
                 }
             }
         }
+        self.shown.append(&later.shown);
         self.unused.extend(later.unused);
         self.end = later.end;
         self.drop_interior();
@@ -287,7 +293,8 @@ impl PartialFit {
             corners,
             unused: self.unused,
         };
-        Ok((Bank::new(models, provenance)?, report))
+        let bank = Bank::new(models, provenance)?.with_support(Some(self.shown.support()))?;
+        Ok((bank, report))
     }
 
     /// The flights that it has, as positions in the list of all.

@@ -76,6 +76,8 @@ fn streaming_is_the_least_squares_of_all_rows() {
     for reduction in [Reduction::Moments, Reduction::Orthogonal] {
         let (streamed, report) = whole(&flights, &plain(), reduction);
         assert_eq!(report.unused, ["flight 3"]);
+        assert!(streamed.support().is_some());
+        assert_eq!(streamed.support(), dense.support());
         for (a, b) in streamed.models().iter().zip(dense.models()) {
             assert_eq!(a.configuration, b.configuration);
             assert_eq!(a.diagnostics.flights, b.diagnostics.flights);
@@ -244,6 +246,6 @@ fn a_file_that_was_cut_off_or_changed_is_refused() {
     assert!(refused(&contents[..contents.len() / 2]).contains("expected a partial fit, whole"));
     assert!(refused(&contents.replacen("\"fourth\":[", "\"fourth\":[1.0,", 1)).contains("other sums"));
     assert!(
-        refused(&contents.replacen("\"schema_version\":1", "\"schema_version\":9", 1)).contains("version 9")
+        refused(&contents.replacen("\"schema_version\":2", "\"schema_version\":9", 1)).contains("version 9")
     );
 }

@@ -8,8 +8,10 @@ use nalgebra::DVector;
 const TOLERANCE: f64 = 5e-4;
 /// Damped steps tried per iteration.
 const MAX_TRIALS: usize = 8;
-/// Longest step per parameter and iteration: of a logarithm, of a linear parameter.
-const LONGEST_STEP: (f64, f64) = (0.7, 0.1);
+/// Longest step per parameter and iteration: of a logarithm.
+const LONGEST_LOG_STEP: f64 = 0.7;
+/// Of a linear parameter, and the share of its prior's deviation that it may in any case go.
+const LONGEST_STEP: (f64, f64) = (0.1, 0.3);
 
 /// Where and how a minimization ended.
 pub struct Minimum {
@@ -100,8 +102,8 @@ fn damped_step(
         let mut coordinates = own.coordinates();
         for (i, info) in PARAMETERS.iter().enumerate() {
             let longest = match info.scale {
-                Scale::Log | Scale::Beam => LONGEST_STEP.0,
-                Scale::Linear => LONGEST_STEP.1,
+                Scale::Log | Scale::Beam => LONGEST_LOG_STEP,
+                Scale::Linear => LONGEST_STEP.0.max(LONGEST_STEP.1 * info.prior_sigma),
             };
             coordinates[i] += step[number * PARAMETER_COUNT + i].clamp(-longest, longest);
         }

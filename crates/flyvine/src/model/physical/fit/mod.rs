@@ -334,14 +334,17 @@ fn sent_velocities<'a>(
     flights: impl IntoIterator<Item = &'a FlightData>,
 ) -> Parameters<f64> {
     let sent = flights.into_iter().all(|flight| flight.commanded_velocity);
-    let velocity_feedforward = match start.velocity_feedforward {
-        _ if !sent => 0.0,
-        0.0 => 1.0, // what is sent is most likely followed
-        known => known,
-    };
-    Parameters {
-        velocity_feedforward,
-        ..start
+    match start.velocity_feedforward {
+        _ if !sent => Parameters {
+            velocity_feedforward: 0.0,
+            acceleration_feedforward: 0.0,
+            ..start
+        },
+        0.0 => Parameters {
+            velocity_feedforward: 1.0, // what is sent is most likely followed
+            ..start
+        },
+        _ => start,
     }
 }
 

@@ -63,6 +63,7 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
     let parameters = Parameters {
         command_delay: 0.023, // away from the kinks at whole substeps
         velocity_feedforward: 0.05,
+        acceleration_feedforward: 0.03,
         ..Parameters::defaults()
     };
     let other = Parameters {
@@ -272,6 +273,7 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
 fn a_feedforward_is_found_where_velocities_were_sent_and_nowhere_else() {
     let truth = Parameters {
         velocity_feedforward: 0.8,
+        acceleration_feedforward: 0.5,
         ..Parameters::defaults()
     };
     // Smooth commands: two waves per axis.
@@ -293,6 +295,7 @@ fn a_feedforward_is_found_where_velocities_were_sent_and_nowhere_else() {
     let options = PhysicalFitOptions::default();
     let unsent = fit_physical(&flights, &options, &mut |_| {}).unwrap();
     assert_eq!(unsent.parameters.velocity_feedforward, 0.0);
+    assert_eq!(unsent.parameters.acceleration_feedforward, 0.0);
     let not_told = unsent
         .estimates()
         .into_iter()
@@ -311,6 +314,8 @@ fn a_feedforward_is_found_where_velocities_were_sent_and_nowhere_else() {
     let sent = fit_physical(&flights, &options, &mut |_| {}).unwrap();
     let found = sent.parameters.velocity_feedforward;
     assert!((found - 0.8).abs() < 0.1, "{found}");
+    let found = sent.parameters.acceleration_feedforward;
+    assert!((found - 0.5).abs() < 0.2, "{found}");
     let tip_error_m = |model: &PhysicalModel| model.fit.as_ref().unwrap().tip_error_m;
     assert!(tip_error_m(&sent) < tip_error_m(&unsent));
 }
