@@ -79,11 +79,11 @@ impl Layout {
         let mut initial: Vec<f64> = blocks().map(|(initial, ..)| initial).collect();
         let mut process: Vec<f64> = blocks().map(|(_, step, body)| step * share[3 * body]).collect();
         assert_eq!(process.len(), state_len, "the blocks cover the physical state");
-        // What a poor model gets wrong must not be taken for a wind.
+        // What a poor model gets wrong must not be taken for a wind or a load.
         let around = SurroundingsNoise {
             wind_m_s: noise.surroundings.wind_m_s * noise.trust(),
             gust_m_s: noise.surroundings.gust_m_s * noise.trust(),
-            ..noise.surroundings
+            tip_load: noise.surroundings.tip_load * noise.trust(),
         };
         append(noise, &around, &mut initial, &mut process);
         let mut entries = Vec::new();

@@ -25,12 +25,12 @@ pub struct MpcOptions {
     pub end_effector: f64,
     /// Weight on every other entry of the newest pose, from the plan's.
     pub pose: f64,
-    /// Weight on the command's deviation from the plan's; without it 5 on lag models, 1 on physical ones, and less on
-    /// those that were identified to foresee well.
+    /// Weight on the command's deviation from the plan's; without it 5 on lag models, 1 on physical ones, and on those
+    /// whose noise was identified 0.1 to 100, by how well they foresee.
     pub command: Option<f64>,
-    /// Weight on the change of that deviation from one knot to the next; without it 10, and less on physical models that
-    /// were identified to foresee well. Under light weights the horizon relies on the model's fast
-    /// motions: an arm that bounces along its axis, which no model knows, has been seen to be shaken up by it.
+    /// Weight on the change of that deviation from one knot to the next; without it 10, or 0.1 to 100 as
+    /// above. Under light weights the horizon relies on the model's fast motions: an arm that bounces along its axis, which
+    /// no model knows, has been seen to be shaken up by it.
     pub command_change: Option<f64>,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
@@ -150,17 +150,19 @@ impl MpcOptions {
     }
 }
 
-/// Weights on commands and on their changes where nothing says that fast motions are foreseen.
-const CAUTIOUS: [f64; 2] = [1.0, 10.0];
-/// Both where they are.
-const TRUSTING: f64 = 0.3;
+/// Weights on commands and on their changes where nothing says how well a physical model foresees.
+const UNKNOWN: [f64; 2] = [1.0, 10.0];
+/// Both for a model that foresees well …
+const TRUSTING: f64 = 0.1;
+/// … and for one that does not: little more than the plan is flown.
+const CAUTIOUS: f64 = 100.0;
 
 /// The weights on commands and on their changes that suit a physical model's identified noise: commands that rely on what
 /// happens from one knot to the next can be no better than what is foreseen of it.
 fn physical_weights(noise: Option<&NoiseLevels>) -> [f64; 2] {
     match noise {
-        Some(noise) => CAUTIOUS.map(|most| most.min(TRUSTING / noise.trust())),
-        None => CAUTIOUS,
+        Some(noise) => [(TRUSTING / noise.trust().powi(2)).min(CAUTIOUS); 2],
+        None => UNKNOWN,
     }
 }
 
@@ -363,5 +365,23 @@ fn limits(trajectory: &Trajectory, room: &Room, options: &MpcOptions) -> Horizon
         command_change: Some(vec![options.command_change_max_m; 3]),
         states,
         penalty: options.room_penalty,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worse_a_model_foresees_the_dearer_are_commands() {
+        let weights = |quadrotor_m: f64, end_effector_m: f64| {
+            let mut noise = NoiseLevels::PHYSICAL;
+            (noise.process.quadrotor_m, noise.process.end_effector_m) = (quadrotor_m, end_effector_m);
+            physical_weights(Some(&noise))
+        };
+        assert_eq!(physical_weights(None), UNKNOWN);
+        assert_eq!(weights(1.0, 4.0), [TRUSTING; 2]);
+        assert!(weights(2.0, 8.0)[0] > 10.0 * TRUSTING);
+        assert_eq!(weights(16.0, 16.0), [CAUTIOUS; 2]);
     }
 }
