@@ -4,7 +4,7 @@ mod common;
 
 use flyvine::DT;
 use flyvine::control::estimator::EstimatorError;
-use flyvine::control::mpc::{ModelPredictive, MpcOptions};
+use flyvine::control::mpc::{LinearizedPlan, ModelPredictive, MpcOptions, TrackingWeights};
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{Controller, Proposal, Tick, Tracking, Trajectory};
 use flyvine::flight::Pose;
@@ -77,4 +77,22 @@ fn ticks_do_not_allocate() -> Result<(), EstimatorError> {
     .unwrap();
     assert_eq!(allocations(&mut predictive, &model, &trajectory), 0, "predictive");
     Ok(())
+}
+
+#[test]
+fn a_plans_first_command_is_no_deviation_from_it() {
+    let plan = plan();
+    let trajectory = Trajectory::of_plan(&plan).unwrap();
+    let model = plan.bank.scheduled(&plan.configurations).unwrap();
+    let weights = TrackingWeights {
+        state: vec![1.0; model.state_len()],
+        command: vec![1.0; 3],
+        command_change: vec![1.0; 3],
+    };
+    let linearized = LinearizedPlan::new(&trajectory, &model, &plan.reference, &weights, 5, &[]).unwrap();
+    let before = |knot: usize| linearized.window(knot).unwrap().reference_before.to_vec();
+    // The plan begins with a step away from where the vehicle hovers, and the change of commands is counted from there.
+    assert_eq!(before(0), trajectory.start().0);
+    assert_eq!(before(1), trajectory.command(0));
+    assert_ne!(before(0), before(1));
 }

@@ -1,7 +1,7 @@
 //! Shrinking-horizon replanning for tasks that must be somewhere at one instant: at every knot the constrained problem
 //! from the estimated state to the task's end is solved again.
 
-use super::estimator::{Estimator, EstimatorError};
+use super::estimator::{Estimator, EstimatorError, Surrounded};
 use super::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{StepReport, StepStatus};
 use crate::link::Observation;
@@ -118,12 +118,18 @@ impl<'a> Replanning<'a> {
     }
 
     /// Solves the rest of the problem; false if it is none.
-    fn replan(&mut self, knot: usize, state: Vec<f64>, held_command: [f64; 3]) -> bool {
+    fn replan(
+        &mut self,
+        model: Surrounded<'_>,
+        knot: usize,
+        state: Vec<f64>,
+        held_command: [f64; 3],
+    ) -> bool {
         let rest = self.rest_of_problem(knot, state);
         self.commands.clone_from(&rest.command_guess);
         self.first = knot;
         let pushed = Pushed {
-            model: self.model,
+            model,
             first: knot,
             push: &self.push,
         };
@@ -189,7 +195,11 @@ impl Controller for Replanning<'_> {
         if knot + 1 >= self.trajectory.knots() {
             return Proposal::Command(tick.held_command);
         }
-        if !self.replan(knot, state, tick.held_command) {
+        let model = Surrounded {
+            model: self.model,
+            outlook: self.estimator.outlook(tick.knot),
+        };
+        if !self.replan(model, knot, state, tick.held_command) {
             return Proposal::Failed;
         }
         let command = std::array::from_fn(|axis| self.commands[axis]);
@@ -203,7 +213,7 @@ impl Controller for Replanning<'_> {
 
 /// The model from knot `first` on, with a constant push on its fresh entries.
 struct Pushed<'a> {
-    model: &'a ScheduledModel,
+    model: Surrounded<'a>,
     first: usize,
     push: &'a [f64],
 }

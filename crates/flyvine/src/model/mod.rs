@@ -66,7 +66,7 @@ pub use family::{Model, rest_state};
 pub use fit::{Finding, FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use learning::{Learner, Lesson, WeightTrial};
-pub use noise::{BodyNoise, NoiseLevels};
+pub use noise::{BodyNoise, NoiseLevels, SurroundingsNoise};
 pub use options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
 pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 pub use rollout::RolloutError;

@@ -22,6 +22,34 @@ impl BodyNoise {
     }
 }
 
+/// How far the surroundings may be from those of the fit, standard deviations; 0 for what shall not be estimated. Only
+/// the physical family knows them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SurroundingsNoise {
+    /// Of a steady wind, along each horizontal axis, m/s.
+    pub wind_m_s: f64,
+    /// Of its gusts, m/s.
+    pub gust_m_s: f64,
+    /// Of the share by which the tip is heavier.
+    pub tip_load: f64,
+}
+
+impl Default for SurroundingsNoise {
+    fn default() -> Self {
+        Self::TYPICAL
+    }
+}
+
+impl SurroundingsNoise {
+    /// A light breeze; what a light gripper carries.
+    pub const TYPICAL: Self = Self {
+        wind_m_s: 0.7,
+        gust_m_s: 0.3,
+        tip_load: 0.3,
+    };
+}
+
 /// Noise levels of the filter, standard deviations; those of disturbances and process are per knot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -35,6 +63,9 @@ pub struct NoiseLevels {
     pub disturbance: BodyNoise,
     /// How strong the gusts are.
     pub gust: BodyNoise,
+    /// Of wind and load.
+    #[serde(default)]
+    pub surroundings: SurroundingsNoise,
     /// How long a gust lasts, s: its correlation time.
     pub gust_s: f64,
     /// How far the delay wanders, knots.
@@ -66,6 +97,7 @@ impl NoiseLevels {
             attitude: 1e-3,
             end_effector_m: 1e-3,
         },
+        surroundings: SurroundingsNoise::TYPICAL,
         gust_s: 1.0,
         delay: 2e-3,
         delay_initial: 1.0,
@@ -93,10 +125,21 @@ impl NoiseLevels {
             attitude: 1e-5,
             end_effector_m: 1e-2,
         },
+        surroundings: SurroundingsNoise::TYPICAL,
         gust_s: 1.0,
         delay: 2e-3,
         delay_initial: 1.0,
     };
+
+    /// How far the physical family's fast motions may be relied on, 0 to 1: the shares of process noise of quadrotor and
+    /// end effector say by how much recorded flights went otherwise than their models foresaw from one knot to the next.
+    pub(crate) fn trust(&self) -> f64 {
+        let shares = self.process.quadrotor_m * self.process.end_effector_m;
+        (Self::TRUSTED_SHARES / shares).min(1.0)
+    }
+
+    /// Their product where a model foresees well: what is typical.
+    const TRUSTED_SHARES: f64 = Self::PHYSICAL.process.quadrotor_m * Self::PHYSICAL.process.end_effector_m;
 
     /// The first level that is not a positive number, and its value.
     pub(crate) fn invalid(&self) -> Option<(&'static str, f64)> {
@@ -116,5 +159,19 @@ impl NoiseLevels {
             ])
             // Not `<=`: NaN must be found.
             .find(|(_, level)| !(*level > 0.0 && level.is_finite()))
+            .or_else(|| {
+                let SurroundingsNoise {
+                    wind_m_s,
+                    gust_m_s,
+                    tip_load,
+                } = self.surroundings;
+                [
+                    ("surroundings.wind_m_s", wind_m_s),
+                    ("surroundings.gust_m_s", gust_m_s),
+                    ("surroundings.tip_load", tip_load),
+                ]
+                .into_iter()
+                .find(|(_, level)| !(*level >= 0.0 && level.is_finite()))
+            })
     }
 }

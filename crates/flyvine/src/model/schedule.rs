@@ -4,6 +4,7 @@ use super::error::ModelError;
 use super::family::Model;
 use super::lag::LagModel;
 use super::noise::NoiseLevels;
+use super::physical::Surroundings;
 use crate::trajopt::Dynamics;
 
 /// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
@@ -69,6 +70,11 @@ impl ScheduledModel {
         })
     }
 
+    /// The noise levels that were identified with the models, if they were.
+    pub fn identified_noise(&self) -> Option<&NoiseLevels> {
+        self.noise.as_ref()
+    }
+
     /// The next knot has another configuration, and this model.
     pub(crate) fn push(&mut self, model: Model) {
         self.models.push(model);
@@ -84,6 +90,45 @@ impl ScheduledModel {
     pub fn at_knot(&self, knot: usize) -> &Model {
         let last = self.model_of_knot.len() - 1;
         &self.models[self.model_of_knot[knot.min(last)]]
+    }
+
+    /// [`Dynamics::step`] in moving air and with a load at the tip; lag models know of neither.
+    pub fn step_in(
+        &self,
+        knot: usize,
+        around: &Surroundings,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+    ) {
+        match self.at_knot(knot) {
+            Model::Lag(model) => model.step(knot, state, command, fresh),
+            Model::Physical(model) => model.step_in(around, state, command, fresh),
+        }
+    }
+
+    /// [`Dynamics::linearize`] there, with the Jacobian by the surroundings
+    /// (`fresh_len` × [`SURROUNDINGS_LEN`](super::physical::SURROUNDINGS_LEN)).
+    #[allow(clippy::too_many_arguments)] // those of `linearize`, and two
+    pub fn linearize_in(
+        &self,
+        knot: usize,
+        around: &Surroundings,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        jacobian: &mut [f64],
+        by_surroundings: &mut [f64],
+    ) {
+        match self.at_knot(knot) {
+            Model::Lag(model) => {
+                by_surroundings.fill(0.0);
+                model.linearize(knot, state, command, fresh, jacobian);
+            }
+            Model::Physical(model) => {
+                model.linearize_in(around, state, command, fresh, jacobian, by_surroundings);
+            }
+        }
     }
 }
 

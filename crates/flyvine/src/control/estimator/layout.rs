@@ -1,10 +1,10 @@
 //! Where disturbances enter a model's state, and how uncertain its entries are.
 
 use super::DISTURBANCES;
-use crate::model::NoiseLevels;
 use crate::model::physical::offset;
+use crate::model::{NoiseLevels, SurroundingsNoise};
 
-/// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, g, τ.
+/// Where disturbances enter a family's state, and how uncertain its entries are. Vectors are over z, d, g, a, τ.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     /// (entry of the fresh state, disturbance, gain).
@@ -21,6 +21,14 @@ pub(super) struct Layout {
 
 /// How uncertain the steady disturbances are at the start, in knots of their wandering: a wind may blow already.
 const DISTURBANCE_INITIAL_KNOTS: f64 = 50.0;
+/// The same of a steady wind and of the load.
+const SURROUNDINGS_INITIAL_KNOTS: f64 = 200.0;
+/// What a family does not know is not estimated.
+pub(super) const KNOWN: SurroundingsNoise = SurroundingsNoise {
+    wind_m_s: 0.0,
+    gust_m_s: 0.0,
+    tip_load: 0.0,
+};
 
 /// Standard deviations of the physical state's blocks: at the start, at rest, and what a knot adds; m, s, rad.
 const PHYSICAL: [(usize, f64, f64, usize); 14] = [
@@ -50,7 +58,7 @@ impl Layout {
         let mut initial = vec![2e-3; state_len];
         let mut process = vec![0.0; state_len];
         process[..DISTURBANCES].copy_from_slice(&noise.process.entries());
-        append(noise, &mut initial, &mut process);
+        append(noise, &KNOWN, &mut initial, &mut process);
         Self {
             entries: (0..DISTURBANCES).map(|i| (i, i, 1.0)).collect(),
             initial,
@@ -71,7 +79,13 @@ impl Layout {
         let mut initial: Vec<f64> = blocks().map(|(initial, ..)| initial).collect();
         let mut process: Vec<f64> = blocks().map(|(_, step, body)| step * share[3 * body]).collect();
         assert_eq!(process.len(), state_len, "the blocks cover the physical state");
-        append(noise, &mut initial, &mut process);
+        // What a poor model gets wrong must not be taken for a wind or a load.
+        let around = SurroundingsNoise {
+            wind_m_s: noise.surroundings.wind_m_s * noise.trust(),
+            gust_m_s: noise.surroundings.gust_m_s * noise.trust(),
+            tip_load: noise.surroundings.tip_load * noise.trust(),
+        };
+        append(noise, &around, &mut initial, &mut process);
         let mut entries = Vec::new();
         for axis in 0..3 {
             entries.push((offset::VELOCITY + axis, axis, 1.0));
@@ -93,17 +107,30 @@ fn gust_decay(noise: &NoiseLevels) -> f64 {
     (-crate::DT / noise.gust_s).exp()
 }
 
-/// Disturbances, gusts and delay, behind the state.
-fn append(noise: &NoiseLevels, initial: &mut Vec<f64>, process: &mut Vec<f64>) {
+/// Disturbances, gusts, surroundings and delay, behind the state.
+fn append(noise: &NoiseLevels, around: &SurroundingsNoise, initial: &mut Vec<f64>, process: &mut Vec<f64>) {
+    // What keeps g⁺ = ρ g + w at its strength.
+    let renewed = (1.0 - gust_decay(noise).powi(2)).sqrt();
     for level in noise.disturbance.entries() {
         initial.push(level * DISTURBANCE_INITIAL_KNOTS);
         process.push(level);
     }
     for strength in noise.gust.entries() {
         initial.push(strength);
-        // What keeps g⁺ = ρ g + w at its strength.
-        process.push(strength * (1.0 - gust_decay(noise).powi(2)).sqrt());
+        process.push(strength * renewed);
     }
+    // Winds are horizontal: a tip that an arm lifts by folding, which no model knows, is not blown upwards.
+    let horizontal = |level: f64| [level, level, 0.0];
+    for level in horizontal(around.wind_m_s) {
+        initial.push(level);
+        process.push(level / SURROUNDINGS_INITIAL_KNOTS);
+    }
+    for strength in horizontal(around.gust_m_s) {
+        initial.push(strength);
+        process.push(strength * renewed);
+    }
+    initial.push(around.tip_load);
+    process.push(around.tip_load / SURROUNDINGS_INITIAL_KNOTS);
     initial.push(noise.delay_initial);
     process.push(noise.delay);
 }

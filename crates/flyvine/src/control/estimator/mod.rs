@@ -1,14 +1,17 @@
 //! What the vehicle does and what the world does to it, from poses: an extended Kalman filter on a bank's model.
 //!
 //! The model's state z is joined by nine steady disturbances d (offset-free: whatever the model cannot explain in the
-//! mean ends up there), nine gusts g that fade, and by how much later than the model believes commands arrive, τ in
-//! knots:
+//! mean ends up there), nine gusts g that fade, the surroundings a (a steady wind, a gust of it that fades, and the share
+//! by which the tip is heavier), and by how much later than the model believes commands arrive, τ in knots:
 //!
 //! ```text
-//! z⁺ = f(z, û) + E (d + g),   d⁺ = d + w_d,   g⁺ = ρ g + w_g,   τ⁺ = τ + w_τ
+//! z⁺ = f(z, û, a) + E (d + g),   d⁺ = d + w_d,   g⁺ = ρ g + w_g,   τ⁺ = τ + w_τ,   a⁺ as d or g
 //! û_k = (1 − φ) u_{k−i} + φ u_{k−i−1},   i + φ = τ
 //! y = C z + v,   C: the first nine entries
 //! ```
+//!
+//! A wind pushes quadrotor and arm at once, and an arm that moves against it more than one that moves with it: that is why
+//! it is more than two forces. Lag models know nothing of surroundings; there a stays zero.
 //!
 //! [`Estimator::predict`] is the time update with the command that really left; [`Estimator::correct`] takes in the
 //! poses that were seen, entry by entry, refusing those that the filter finds impossible. A pose that is missing or
@@ -17,13 +20,16 @@
 mod covariance;
 mod identification;
 mod layout;
+mod outlook;
 
 pub use identification::{NoiseError, NoiseReport, identify_noise};
+pub use outlook::{Outlook, Surrounded};
 
 use super::Tick;
 use super::trajectory::POSE_STATE_LEN;
 use crate::flight::Pose;
 use crate::link::Observation;
+use crate::model::physical::{SURROUNDINGS_LEN, Surroundings};
 use crate::model::{Model, NoiseLevels, ScheduledModel};
 use crate::trajopt::Dynamics;
 use covariance::Covariance;
@@ -31,8 +37,14 @@ use layout::Layout;
 
 /// Number of disturbances, and of gusts.
 pub const DISTURBANCES: usize = 9;
-/// Entries behind z: disturbances, gusts, delay.
-const EXTRA: usize = 2 * DISTURBANCES + 1;
+/// Entries behind z: disturbances, gusts, surroundings, delay.
+const EXTRA: usize = AIR + 7 + 1;
+/// Behind z: first of steady wind (3), its gust (3), load (1).
+const AIR: usize = 2 * DISTURBANCES;
+const AIR_GUST: usize = AIR + 3;
+const TIP_LOAD: usize = AIR_GUST + 3;
+/// Shares by which the tip may be heavier.
+const TIP_LOADS: [f64; 2] = [-0.5, 1.5];
 /// Commands that are remembered: the largest delay, in knots, and one more to interpolate.
 const COMMANDS_KEPT: usize = 6;
 /// Largest delay beyond the model's, knots.
@@ -77,15 +89,16 @@ pub enum EstimatorError {
 pub struct Estimator<'a> {
     model: &'a ScheduledModel,
     layout: Layout,
-    /// z (n), d (9), g (9), τ (1).
+    /// z (n), d (9), g (9), a (7), τ (1).
     mean: Vec<f64>,
     covariance: Covariance,
     /// Commands that left, the newest first, m.
     commands: [[f64; 3]; COMMANDS_KEPT],
     /// Rows running in which a body's pose was refused: quadrotor, end effector.
     refusals: [u32; 2],
-    /// Workspace: the Jacobian of the model, row-major, and fresh entries.
+    /// Workspace: the Jacobians of the model, row-major, and fresh entries.
     jacobian: Vec<f64>,
+    by_surroundings: Vec<f64>,
     fresh: Vec<f64>,
     surprise: Surprise,
 }
@@ -110,6 +123,11 @@ pub struct Surprise {
     pub squares: f64,
     /// Σ ln s.
     pub log_variances: f64,
+}
+
+/// Whether entry `i` behind z is a gust.
+fn fades(i: usize) -> bool {
+    (DISTURBANCES..AIR).contains(&i) || (AIR_GUST..TIP_LOAD).contains(&i)
 }
 
 impl<'a> Estimator<'a> {
@@ -150,6 +168,7 @@ impl<'a> Estimator<'a> {
             commands: [command; COMMANDS_KEPT],
             refusals: [0; 2],
             jacobian: vec![0.0; model.fresh_len() * (n + m)],
+            by_surroundings: vec![0.0; model.fresh_len() * SURROUNDINGS_LEN],
             fresh: vec![0.0; model.fresh_len()],
             surprise: Surprise::default(),
         })
@@ -183,6 +202,35 @@ impl<'a> Estimator<'a> {
     pub fn delay_knots(&self) -> (f64, f64) {
         let last = self.mean.len() - 1;
         (self.mean[last], self.covariance.variance(last).sqrt())
+    }
+
+    /// Wind and load as expected from `knot` on, the knot of the estimate.
+    pub fn outlook(&self, knot: usize) -> Outlook {
+        let at = |first: usize| std::array::from_fn(|axis| self.mean[self.state_len() + first + axis]);
+        Outlook {
+            knot,
+            steady: Surroundings {
+                wind_m_s: at(AIR),
+                tip_load: self.tip_load().0,
+            },
+            gust_m_s: at(AIR_GUST),
+            gust_decay: self.layout.gust_decay,
+        }
+    }
+
+    /// The steady wind, m/s, and its standard deviations.
+    pub fn wind_m_s(&self) -> ([f64; 3], [f64; 3]) {
+        let first = self.state_len() + AIR;
+        (
+            std::array::from_fn(|axis| self.mean[first + axis]),
+            std::array::from_fn(|axis| self.covariance.variance(first + axis).sqrt()),
+        )
+    }
+
+    /// The share by which the tip is heavier than when the model was fitted, and its standard deviation.
+    pub fn tip_load(&self) -> (f64, f64) {
+        let index = self.state_len() + TIP_LOAD;
+        (self.mean[index], self.covariance.variance(index).sqrt())
     }
 
     /// How well the last correction was foreseen.
@@ -232,19 +280,21 @@ impl<'a> Estimator<'a> {
         self.commands[0] = command;
         let (effective, per_knot) = self.effective_command();
         let n = self.state_len();
-        self.model.linearize(
+        self.model.linearize_in(
             knot,
+            &self.outlook(knot).at(knot),
             &self.mean[..n],
             &effective,
             &mut self.fresh,
             &mut self.jacobian,
+            &mut self.by_surroundings,
         );
         for (entry, disturbance, gain) in &self.layout.entries {
             self.fresh[*entry] +=
                 gain * (self.mean[n + disturbance] + self.mean[n + DISTURBANCES + disturbance]);
         }
-        for gust in &mut self.mean[n + DISTURBANCES..][..DISTURBANCES] {
-            *gust *= self.layout.gust_decay;
+        for i in (0..EXTRA).filter(|&i| fades(i)) {
+            self.mean[n + i] *= self.layout.gust_decay;
         }
         let fresh = self.fresh.len();
         self.mean.copy_within(..n - fresh, fresh);
@@ -259,6 +309,14 @@ impl<'a> Estimator<'a> {
             let by_delay = (0..3).map(|axis| row[n + axis] * per_knot[axis]).sum();
             transition.set(i, n + EXTRA - 1, by_delay);
         }
+        for (i, row) in self.by_surroundings.chunks_exact(SURROUNDINGS_LEN).enumerate() {
+            for (j, &entry) in row.iter().enumerate() {
+                transition.set(i, n + if j < 3 { AIR + j } else { TIP_LOAD }, entry);
+                if j < 3 {
+                    transition.set(i, n + AIR_GUST + j, entry);
+                }
+            }
+        }
         for (entry, disturbance, gain) in &self.layout.entries {
             transition.set(*entry, n + disturbance, *gain);
             transition.set(*entry, n + DISTURBANCES + disturbance, *gain);
@@ -266,9 +324,8 @@ impl<'a> Estimator<'a> {
         for i in fresh..n {
             transition.set(i, i - fresh, 1.0);
         }
-        for i in n..n + EXTRA {
-            let is_gust = (DISTURBANCES..2 * DISTURBANCES).contains(&(i - n));
-            transition.set(i, i, if is_gust { self.layout.gust_decay } else { 1.0 });
+        for i in 0..EXTRA {
+            transition.set(n + i, n + i, if fades(i) { self.layout.gust_decay } else { 1.0 });
         }
         self.covariance.propagate(&self.layout.process);
     }
@@ -284,8 +341,8 @@ impl<'a> Estimator<'a> {
             self.correct(observation);
         }
         self.mean[delay] = 0.0;
-        for gust in &mut self.mean[delay - DISTURBANCES..delay] {
-            *gust = 0.0;
+        for i in (0..EXTRA).filter(|&i| fades(i)) {
+            self.mean[delay + 1 - EXTRA + i] = 0.0;
         }
         self.covariance.reset(&self.layout.initial);
         self.correct(observation);
@@ -304,11 +361,15 @@ impl<'a> Estimator<'a> {
         let (whole, fraction) = (delay.round() as usize, delay - delay.round());
         state.copy_from_slice(self.state());
         self.write_push(steady, gust);
+        let model = Surrounded {
+            model: self.model,
+            outlook: self.outlook(knot),
+        };
         for ahead in 0..whole {
             let (newer, older) = (self.commands[whole - ahead - 1], self.commands[whole - ahead]);
             let effective: [f64; 3] =
                 std::array::from_fn(|axis| (1.0 - fraction) * newer[axis] + fraction * older[axis]);
-            self.model.step(knot + ahead, state, &effective, &mut self.fresh);
+            model.step(knot + ahead, state, &effective, &mut self.fresh);
             for ((entry, steady), gust) in self.fresh.iter_mut().zip(&*steady).zip(&mut *gust) {
                 *entry += steady + *gust;
                 *gust *= self.layout.gust_decay;
@@ -332,6 +393,8 @@ impl<'a> Estimator<'a> {
         }
         let last = self.mean.len() - 1;
         self.mean[last] = self.mean[last].clamp(0.0, DELAY_MAX);
+        let load = self.state_len() + TIP_LOAD;
+        self.mean[load] = self.mean[load].clamp(TIP_LOADS[0], TIP_LOADS[1]);
     }
 
     /// Takes in the entries `first ..` of the outputs as `seen`, or none of them if one is out of the gate.

@@ -1,3 +1,4 @@
+use super::layout::KNOWN;
 use super::*;
 use crate::flight::Configuration;
 use crate::model::physical::offset;
@@ -32,7 +33,26 @@ fn command(knot: usize) -> [f64; 3] {
     ]
 }
 
-/// Flies the model itself, with a push on the tip and late commands, and lets the estimator watch.
+/// What the estimator is not told.
+#[derive(Clone, Copy)]
+struct World {
+    delay_knots: usize,
+    /// On the tip, m/s per knot.
+    push: f64,
+    around: Surroundings,
+}
+
+impl World {
+    fn calm() -> Self {
+        Self {
+            delay_knots: 0,
+            push: 0.0,
+            around: Surroundings::calm(),
+        }
+    }
+}
+
+/// Flies the model itself, in that world, and lets the estimator watch.
 struct Watched {
     truth: Vec<f64>,
     error: f64,
@@ -41,14 +61,14 @@ struct Watched {
 
 fn watch<'a>(
     model: &'a ScheduledModel,
-    delay_knots: usize,
-    push: f64,
+    noise: &NoiseLevels,
+    world: World,
     mut tamper: impl FnMut(usize, Observation) -> Observation,
 ) -> (Estimator<'a>, Watched) {
     let n = model.state_len();
     let mut truth = model.at_knot(0).rest_state(CONFIGURATION);
     // What flies is the model itself: its attitude needs no more process noise than the rest.
-    let mut noise = NoiseLevels::PHYSICAL;
+    let mut noise = *noise;
     noise.process.attitude = 1.0;
     let mut estimator = Estimator::new(model, &noise, &truth, command(0)).unwrap();
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
@@ -60,11 +80,11 @@ fn watch<'a>(
     };
     for knot in 0..KNOTS {
         let sent = command(knot);
-        let felt = command(knot.saturating_sub(delay_knots));
+        let felt = command(knot.saturating_sub(world.delay_knots));
         let mut next = vec![0.0; n];
-        model.step(knot, &truth, &felt, &mut next);
-        next[offset::TIP_VELOCITY] += push;
-        next[offset::JOINTS + 3] += 0.5 * push;
+        model.step_in(knot, &world.around, &truth, &felt, &mut next);
+        next[offset::TIP_VELOCITY] += world.push;
+        next[offset::JOINTS + 3] += 0.5 * world.push;
         truth = next;
         let mut noisy = |i: usize| truth[i] + normal.sample(&mut random);
         let attitude = [noisy(3), noisy(4), noisy(5)];
@@ -95,7 +115,17 @@ fn watch<'a>(
 fn a_steady_push_and_late_commands_are_found() {
     let model = model();
     for delay_knots in [0, 1, 2] {
-        let (estimator, watched) = watch(&model, delay_knots, 0.02, |_, seen| seen);
+        let world = World {
+            delay_knots,
+            push: 0.02,
+            ..World::calm()
+        };
+        // A push on the tip alone is no wind: without wind and load to choose from, it is found where it is.
+        let noise = NoiseLevels {
+            surroundings: KNOWN,
+            ..NoiseLevels::PHYSICAL
+        };
+        let (estimator, watched) = watch(&model, &noise, world, |_, seen| seen);
         let (delay, deviation) = estimator.delay_knots();
         assert!(
             (delay - delay_knots as f64).abs() < 0.3,
@@ -108,11 +138,44 @@ fn a_steady_push_and_late_commands_are_found() {
 }
 
 #[test]
+fn wind_and_load_are_found_and_their_uncertainty_is_honest() {
+    let model = model();
+    let around = Surroundings {
+        wind_m_s: [0.9, -0.5, 0.0],
+        tip_load: 0.3,
+    };
+    let world = World {
+        around,
+        ..World::calm()
+    };
+    let (estimator, watched) = watch(&model, &NoiseLevels::PHYSICAL, world, |_, seen| seen);
+    let (wind, deviations) = estimator.wind_m_s();
+    for axis in 0..3 {
+        let error = wind[axis] - around.wind_m_s[axis];
+        assert!(
+            error.abs() < 3.0 * deviations[axis],
+            "{wind:?} ± {deviations:?} m/s"
+        );
+    }
+    for axis in 0..2 {
+        assert!((wind[axis] - around.wind_m_s[axis]).abs() < 0.5, "{wind:?} m/s");
+        assert!(deviations[axis] < 0.5 * NoiseLevels::PHYSICAL.surroundings.wind_m_s);
+    }
+    let (load, deviation) = estimator.tip_load();
+    assert!(
+        (load - 0.3).abs() < (3.0 * deviation).min(0.15),
+        "{load} ± {deviation}"
+    );
+    assert!(deviation < 0.5 * NoiseLevels::PHYSICAL.surroundings.tip_load);
+    assert!(watched.error < 3e-3, "tip off by {} m", watched.error);
+}
+
+#[test]
 fn outliers_are_refused_and_gaps_bridged() {
     let model = model();
-    let (clean, undisturbed) = watch(&model, 0, 0.0, |_, seen| seen);
+    let (clean, undisturbed) = watch(&model, &NoiseLevels::PHYSICAL, World::calm(), |_, seen| seen);
     assert_eq!(undisturbed.refused, 0);
-    let (estimator, watched) = watch(&model, 0, 0.0, |knot, mut seen| {
+    let (estimator, watched) = watch(&model, &NoiseLevels::PHYSICAL, World::calm(), |knot, mut seen| {
         if knot % 40 == 20 {
             seen.end_effector = seen.end_effector.map(|[x, y, z]| [x + 0.15, y, z]);
         }
@@ -135,7 +198,7 @@ fn outliers_are_refused_and_gaps_bridged() {
 #[test]
 fn a_body_that_really_moved_is_believed_after_a_while() {
     let model = model();
-    let (estimator, watched) = watch(&model, 0, 0.0, |knot, mut seen| {
+    let (estimator, watched) = watch(&model, &NoiseLevels::PHYSICAL, World::calm(), |knot, mut seen| {
         if knot > 200 {
             seen.end_effector = seen.end_effector.map(|[x, y, z]| [x + 0.3, y, z]);
         }

@@ -4,7 +4,7 @@ use super::active_set::{Budget, QpReport};
 use super::condensed::{CondensedError, TrackingWeights};
 use super::horizon::{Horizon, HorizonLimits, SoftBound, Start, Window};
 use super::plan::LinearizedPlan;
-use crate::control::estimator::{Estimator, EstimatorError};
+use crate::control::estimator::{Estimator, EstimatorError, Surrounded};
 use crate::control::supervisor::Room;
 use crate::control::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{ControlStep, StepReport, StepStatus};
@@ -25,11 +25,13 @@ pub struct MpcOptions {
     pub end_effector: f64,
     /// Weight on every other entry of the newest pose, from the plan's.
     pub pose: f64,
-    /// Weight on the command's deviation from the plan's; without it 1, on lag models 5.
+    /// Weight on the command's deviation from the plan's; without it 5 on lag models, 1 on physical ones, and on those
+    /// whose noise was identified 0.1 to 100, by how well they foresee.
     pub command: Option<f64>,
-    /// Weight on the change of that deviation from one knot to the next; without it 10. Under lighter weights the horizon
-    /// relies on the model's fast motions: an arm that bounces along its axis has been seen to be shaken up by it.
-    pub command_change: f64,
+    /// Weight on the change of that deviation from one knot to the next; without it 10, or 0.1 to 100 as
+    /// above. Under light weights the horizon relies on the model's fast motions: an arm that bounces along its axis, which
+    /// no model knows, has been seen to be shaken up by it.
+    pub command_change: Option<f64>,
     /// Largest change of the command from one knot to the next, m.
     pub command_change_max_m: f64,
     /// Greatest distance of the command from the plan's, along each axis, m.
@@ -52,7 +54,7 @@ impl Default for MpcOptions {
             end_effector: 100.0,
             pose: 0.1,
             command: None,
-            command_change: 10.0,
+            command_change: None,
             command_change_max_m: 0.5,
             command_deviation_max_m: 0.5,
             trusted_error_m: 0.35,
@@ -105,7 +107,7 @@ impl MpcOptions {
         let not_negative = [
             ("end_effector", self.end_effector),
             ("pose", self.pose),
-            ("command_change", self.command_change),
+            ("command_change", self.command_change.unwrap_or(0.0)),
             ("room_margin_m", self.room_margin_m),
         ];
         for (name, found) in positive {
@@ -133,9 +135,9 @@ impl MpcOptions {
     }
 
     fn weights(&self, model: &ScheduledModel) -> TrackingWeights {
-        let command = match model.at_knot(0) {
-            Model::Lag(_) => 5.0,
-            Model::Physical(_) => 1.0,
+        let [command, command_change] = match model.at_knot(0) {
+            Model::Lag(_) => [5.0, 10.0],
+            Model::Physical(_) => physical_weights(model.identified_noise()),
         };
         let mut state = vec![0.0; model.state_len()];
         state[..6].fill(self.pose);
@@ -143,8 +145,24 @@ impl MpcOptions {
         TrackingWeights {
             state,
             command: vec![self.command.unwrap_or(command); 3],
-            command_change: vec![self.command_change; 3],
+            command_change: vec![self.command_change.unwrap_or(command_change); 3],
         }
+    }
+}
+
+/// Weights on commands and on their changes where nothing says how well a physical model foresees.
+const UNKNOWN: [f64; 2] = [1.0, 10.0];
+/// Both for a model that foresees well …
+const TRUSTING: f64 = 0.1;
+/// … and for one that does not: little more than the plan is flown.
+const CAUTIOUS: f64 = 100.0;
+
+/// The weights on commands and on their changes that suit a physical model's identified noise: commands that rely on what
+/// happens from one knot to the next can be no better than what is foreseen of it.
+fn physical_weights(noise: Option<&NoiseLevels>) -> [f64; 2] {
+    match noise {
+        Some(noise) => [(TRUSTING / noise.trust().powi(2)).min(CAUTIOUS); 2],
+        None => UNKNOWN,
     }
 }
 
@@ -280,7 +298,15 @@ impl Controller for ModelPredictive<'_> {
             residual: 0.0,
         };
         // Commands that would act after the plan's end no longer matter.
+        let dynamics = Surrounded {
+            model: self.plan.model(),
+            outlook: self.estimator.outlook(tick.knot),
+        };
         if let Some(window) = self.plan.window(tick.knot + lateness.whole) {
+            let window = Window {
+                dynamics: &dynamics,
+                ..window
+            };
             let start = Start {
                 state: &self.state,
                 held_command: &tick.held_command,
@@ -339,5 +365,23 @@ fn limits(trajectory: &Trajectory, room: &Room, options: &MpcOptions) -> Horizon
         command_change: Some(vec![options.command_change_max_m; 3]),
         states,
         penalty: options.room_penalty,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worse_a_model_foresees_the_dearer_are_commands() {
+        let weights = |quadrotor_m: f64, end_effector_m: f64| {
+            let mut noise = NoiseLevels::PHYSICAL;
+            (noise.process.quadrotor_m, noise.process.end_effector_m) = (quadrotor_m, end_effector_m);
+            physical_weights(Some(&noise))
+        };
+        assert_eq!(physical_weights(None), UNKNOWN);
+        assert_eq!(weights(1.0, 4.0), [TRUSTING; 2]);
+        assert!(weights(2.0, 8.0)[0] > 10.0 * TRUSTING);
+        assert_eq!(weights(16.0, 16.0), [CAUTIOUS; 2]);
     }
 }

@@ -15,7 +15,7 @@ pub struct LinearizedPlan<'a> {
     stage: Stage,
     /// z̄ (N × n).
     state_reference: Vec<f64>,
-    /// ū ((N − 1) × m).
+    /// ū, and before it the command at the start (N × m).
     commands: Vec<f64>,
     /// Jacobians ((N − 1) × [`Stage::jacobian_len`]).
     jacobians: Vec<f64>,
@@ -70,7 +70,10 @@ impl<'a> LinearizedPlan<'a> {
             model,
             stage,
             state_reference,
-            commands: (0..steps).flat_map(|knot| trajectory.command(knot)).collect(),
+            commands: std::iter::once(trajectory.start().0)
+                .chain((0..steps).map(|knot| trajectory.command(knot)))
+                .flatten()
+                .collect(),
             jacobians,
             condensed,
             cost_to_go,
@@ -98,8 +101,8 @@ impl<'a> LinearizedPlan<'a> {
             condensed,
             jacobians: &self.jacobians[knot * len..][..stages * len],
             state_reference: &self.state_reference[(knot + 1) * n..][..stages * n],
-            command_reference: &self.commands[knot * m..][..stages * m],
-            reference_before: &self.commands[knot.saturating_sub(1) * m..][..m],
+            command_reference: &self.commands[(knot + 1) * m..][..stages * m],
+            reference_before: &self.commands[knot * m..][..m],
             terminal: Some(&self.cost_to_go[knot + stages]),
         })
     }

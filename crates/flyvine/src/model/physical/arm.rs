@@ -101,13 +101,15 @@ fn angle_over_sine<S: Scalar>(u: S) -> S {
     sum
 }
 
-/// Accelerations of quadrotor and arm under thrust, gravity, drag, bending and the links' tensions.
+/// Accelerations of quadrotor and arm under thrust, gravity, drag in air that moves with `wind` (m/s), bending and the
+/// links' tensions.
 pub fn accelerations<S: Scalar>(
     parameters: &Parameters<S>,
     arm: ArmLength,
     state: &State<S>,
     rotation: &Attitude<S>,
     body_acceleration: &Vector<S>,
+    wind: &Vector<S>,
 ) -> ArmAccelerations<S> {
     let p = parameters;
     let up = rotation.up();
@@ -141,7 +143,7 @@ pub fn accelerations<S: Scalar>(
     // The arm's forces other than tensions, on the quadrotor (index 0) and the points (from 1).
     let mut forces = [Vector::zero(); LINKS + 1];
     for i in 0..LINKS {
-        let velocity = state.point_velocities[i];
+        let velocity = state.point_velocities[i] - *wind;
         let speed = (velocity.norm_squared() + 1e-6).sqrt();
         forces[i + 1] = forces[i + 1] - velocity * (drags[i] * speed);
     }
@@ -178,7 +180,7 @@ pub fn accelerations<S: Scalar>(
     // Accelerations without tensions.
     let total_mass = p.joint_mass + p.tip_mass + 1.0;
     let gravity = Vector::constant([0.0, 0.0, -GRAVITY]);
-    let thrust = up * (state.thrust * total_mass) - state.velocity * p.quadrotor_drag;
+    let thrust = up * (state.thrust * total_mass) - (state.velocity - *wind) * p.quadrotor_drag;
     let mut free = [thrust + forces[0] + gravity; LINKS + 1];
     for i in 0..LINKS {
         free[i + 1] = forces[i + 1] * masses[i].recip() + gravity;
@@ -265,9 +267,10 @@ mod tests {
         let (p, state) = swinging();
         let rotation = state.rotation();
         let arm = ArmLength::constant(0.8);
-        let result = accelerations(&p, arm, &state, &rotation, &Vector([0.3, -0.2, 0.1]));
+        let wind = Vector([1.1, -0.7, 0.2]);
+        let result = accelerations(&p, arm, &state, &rotation, &Vector([0.3, -0.2, 0.1]), &wind);
         let mut expected = rotation.up() * (state.thrust * (1.0 + p.joint_mass + p.tip_mass))
-            - state.velocity * p.quadrotor_drag;
+            - (state.velocity - wind) * p.quadrotor_drag;
         let mut momentum = result.quadrotor;
         let gravity = Vector([0.0, 0.0, -GRAVITY]);
         expected = expected + gravity;
@@ -275,7 +278,7 @@ mod tests {
             .into_iter()
             .enumerate()
         {
-            let velocity = state.point_velocities[i];
+            let velocity = state.point_velocities[i] - wind;
             let speed = (velocity.norm_squared() + 1e-6).sqrt();
             momentum = momentum + result.points[i] * mass;
             expected = expected + gravity * mass - velocity * (drag * speed);
@@ -296,6 +299,7 @@ mod tests {
             &state,
             &rotation,
             &body_acceleration,
+            &Vector([1.1, -0.7, 0.2]),
         );
         let offset = base_offset(&p);
         let rate = state.body_rate;

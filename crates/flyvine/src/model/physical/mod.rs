@@ -28,6 +28,7 @@
 //! - [`PhysicalModel`] is [`crate::trajopt::Dynamics`]; all derivatives are exact, by forward-mode differentiation
 //!   of the same code (`scalar.rs`). Along a schedule it is a [`super::ScheduledModel`], which knows the growth.
 //! - [`design_flight`]: commands for the next training flight, from which most would be learnt.
+//! - [`Surroundings`]: wind and a load at the tip, which an estimator finds in flight.
 //! - [`stream_timing`]: are the recordings' clocks right?
 //! - [`observe`] estimates the hidden states from a flight's poses by an extended Kalman filter: rollouts
 //!   start from its estimates.
@@ -47,6 +48,7 @@ mod parameters;
 mod scalar;
 mod state;
 mod step;
+mod surroundings;
 #[cfg(test)]
 pub(super) mod synthetic;
 mod vector;
@@ -65,3 +67,4 @@ pub use observer::{Observer, observe};
 pub use parameters::{PARAMETER_COUNT, PARAMETERS, ParameterInfo, Parameters, Part, Scale};
 pub(crate) use state::offset;
 pub use state::{OUTPUT_LEN, STATE_LEN};
+pub use surroundings::{SURROUNDINGS_LEN, Surroundings};

@@ -5,6 +5,7 @@ use super::autopilot::{Setpoint, autopilot};
 use super::parameters::Parameters;
 use super::scalar::Scalar;
 use super::state::{LINKS, State};
+use super::surroundings::Surroundings;
 use super::vector::Vector;
 use crate::DT;
 
@@ -23,6 +24,22 @@ pub fn step<S: Scalar>(
     state: &State<S>,
     command: &Vector<S>,
 ) -> State<S> {
+    step_in(parameters, arm, &Surroundings::calm(), state, command)
+}
+
+/// [`step`] in moving air and with a load at the tip.
+pub fn step_in<S: Scalar>(
+    parameters: &Parameters<S>,
+    arm: ArmLength,
+    around: &Surroundings<S>,
+    state: &State<S>,
+    command: &Vector<S>,
+) -> State<S> {
+    let wind = Vector(around.wind_m_s);
+    let parameters = &Parameters {
+        tip_mass: parameters.tip_mass * (around.tip_load + 1.0),
+        ..*parameters
+    };
     let mut now = *state;
     for substep in 0..SUBSTEPS {
         let setpoint = setpoint_in_force(parameters, state, command, (substep + 1) as f64 * SUBSTEP_S);
@@ -30,7 +47,7 @@ pub fn step<S: Scalar>(
             length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
             ..arm
         };
-        now = advance(parameters, length, &now, &setpoint);
+        now = advance(parameters, length, &wind, &now, &setpoint);
     }
     now.commands.rotate_right(1);
     now.commands[0] = *command;
@@ -88,6 +105,7 @@ impl<S: Scalar> Setpoint<S> {
 fn advance<S: Scalar>(
     parameters: &Parameters<S>,
     arm: ArmLength,
+    wind: &Vector<S>,
     state: &State<S>,
     setpoint: &Setpoint<S>,
 ) -> State<S> {
@@ -95,7 +113,7 @@ fn advance<S: Scalar>(
     let p = parameters;
     let rotation = state.rotation();
     let pilot = autopilot(p, state, &rotation, setpoint);
-    let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration);
+    let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration, wind);
 
     // First-order lags by implicit Euler: x⁺ = x + (x_sp − x) h / (τ + h).
     let thrust_share = (p.thrust_time_constant + H).recip() * H;
