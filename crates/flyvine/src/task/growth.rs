@@ -200,4 +200,8 @@ impl Parametric for Configured {
             .unwrap_or_else(|_| self.bank.models()[0].model.clone())
             .growing(changes[0] / DT)
     }
+
+    fn gives_curvature(&self) -> bool {
+        matches!(self.bank.models()[0].model, Model::Lag(_))
+    }
 }

@@ -19,8 +19,8 @@ pub trait Output: Send + Sync + std::fmt::Debug {
     /// y.
     fn value(&self, w: &[f64]) -> f64;
 
-    /// Writes ∂y/∂w and ∂²y/∂w² (full, row-major).
-    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]);
+    /// y, with ∂y/∂w and ∂²y/∂w² (full, row-major) written.
+    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64;
 }
 
 /// A model that also says what some functions of its motion are.
@@ -138,8 +138,7 @@ impl<D: Dynamics> Dynamics for WithOutputs<'_, D> {
         let (mut gradient, mut hessian) = (vec![0.0; w.len()], vec![0.0; w.len() * w.len()]);
         let rows = jacobian[self.joined.fresh * width..].chunks_exact_mut(width);
         for ((y, row), output) in outputs.iter_mut().zip(rows).zip(self.outputs) {
-            *y = output.value(&w);
-            output.derivatives(&w, &mut gradient, &mut hessian);
+            *y = output.derivatives(&w, &mut gradient, &mut hessian);
             for (slope, argument) in gradient.iter().zip(by_variable.chunks_exact(own_width)) {
                 if *slope != 0.0 {
                     for (i, entry) in argument.iter().enumerate() {
@@ -226,7 +225,7 @@ mod tests {
             w[0] * w[0] * w[1] + (w[0] - w[1]) * w[2]
         }
 
-        fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
+        fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
             gradient.copy_from_slice(&[2.0 * w[0] * w[1] + w[2], w[0] * w[0] - w[2], w[0] - w[1]]);
             hessian.copy_from_slice(&[
                 2.0 * w[1],
@@ -239,6 +238,7 @@ mod tests {
                 -1.0,
                 0.0,
             ]);
+            self.value(w)
         }
     }
 
@@ -251,9 +251,10 @@ mod tests {
             w[0] - w[1]
         }
 
-        fn derivatives(&self, _w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
+        fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
             gradient.copy_from_slice(&[1.0, -1.0, 0.0]);
             hessian.fill(0.0);
+            self.value(w)
         }
     }
 

@@ -24,6 +24,9 @@ pub trait Parametric: Sync {
     /// Those at the parameters θ while they change by v per knot; smooth in both, also a little outside the range in
     /// which they are meant.
     fn at(&self, parameters: &[f64], changes: &[f64]) -> Self::Model;
+
+    /// Whether the models give their curvature; else it is estimated, along the parameters, too.
+    fn gives_curvature(&self) -> bool;
 }
 
 /// One parameter, and what may be done with it.
@@ -55,6 +58,16 @@ struct Parts {
     state: Vec<f64>,
     /// θ, then v.
     parameters: Vec<f64>,
+}
+
+impl Parts {
+    /// θ + v.
+    fn write_next(&self, next: &mut [f64]) {
+        let (values, changes) = self.parameters.split_at(next.len());
+        for ((next, value), change) in next.iter_mut().zip(values).zip(changes) {
+            *next = value + change;
+        }
+    }
 }
 
 impl<P: Parametric> WithParameters<P> {
@@ -176,19 +189,31 @@ impl<P: Parametric> Dynamics for WithParameters<P> {
         let own_command = &command[..self.joined.command];
         self.model(&parts.parameters)
             .step(knot, &parts.state, own_command, own);
-        let (values, changes) = parts.parameters.split_at(self.parameters);
-        for ((next, value), change) in next.iter_mut().zip(values).zip(changes) {
-            *next = value + change;
-        }
+        parts.write_next(next);
     }
 
     fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
+        let mut fresh = vec![0.0; self.fresh_len()];
+        self.linearize(knot, state, command, &mut fresh, jacobian);
+    }
+
+    fn linearize(
+        &self,
+        knot: usize,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        jacobian: &mut [f64],
+    ) {
         let parts = self.take_apart(state, command);
         let own_command = &command[..self.joined.command];
-        let (fresh, width) = (self.joined.fresh, self.state_len() + self.command_len());
+        let width = self.state_len() + self.command_len();
+        let (next, values) = fresh.split_at_mut(self.joined.fresh);
+        parts.write_next(values);
+        let fresh = self.joined.fresh;
         let mut own = vec![0.0; fresh * (self.joined.state + self.joined.command)];
         self.model(&parts.parameters)
-            .jacobian(knot, &parts.state, own_command, &mut own);
+            .linearize(knot, &parts.state, own_command, next, &mut own);
         jacobian.fill(0.0);
         self.joined.spread_jacobian(&own, width, jacobian);
         for (i, sides) in self.neighbours(&parts.parameters).enumerate() {
@@ -219,6 +244,9 @@ impl<P: Parametric> Dynamics for WithParameters<P> {
         stride: usize,
         hessian: &mut [f64],
     ) {
+        if !self.family.gives_curvature() {
+            return;
+        }
         let parts = self.take_apart(state, command);
         let own_command = &command[..self.joined.command];
         let adjoint = &adjoint[..self.joined.fresh];
@@ -276,6 +304,10 @@ mod tests {
             StretchedToy {
                 factor: 1.0 + parameters[0] + 0.5 * changes[0],
             }
+        }
+
+        fn gives_curvature(&self) -> bool {
+            true
         }
     }
 

@@ -260,7 +260,8 @@ mod testing {
         let len = w.len();
         let evaluate = |w: &[f64]| {
             let (mut gradient, mut hessian) = (vec![0.0; len], vec![0.0; len * len]);
-            output.derivatives(w, &mut gradient, &mut hessian);
+            let value = output.derivatives(w, &mut gradient, &mut hessian);
+            assert_eq!(value, output.value(w));
             (gradient, hessian)
         };
         let (gradient, hessian) = evaluate(w);

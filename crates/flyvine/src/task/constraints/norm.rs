@@ -35,7 +35,7 @@ impl Output for Norm {
     }
 
     /// `∇y = Cᵀv / y`, `∇²y = (CᵀC − ∇y ∇yᵀ) / y`.
-    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
+    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
         let y = self.value(w);
         gradient.fill(0.0);
         hessian.fill(0.0);
@@ -52,6 +52,7 @@ impl Output for Norm {
                 hessian[i * w.len() + j] -= gradient[i] * gradient[j] / y;
             }
         }
+        y
     }
 }
 
@@ -73,13 +74,13 @@ impl Output for Excess {
         (self.norm.value(w) - self.edge).max(0.0)
     }
 
-    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
-        if self.norm.value(w) > self.edge {
-            self.norm.derivatives(w, gradient, hessian);
-        } else {
+    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
+        let beyond = self.norm.derivatives(w, gradient, hessian) - self.edge;
+        if beyond <= 0.0 {
             gradient.fill(0.0);
             hessian.fill(0.0);
         }
+        beyond.max(0.0)
     }
 }
 

@@ -174,10 +174,10 @@ impl Output for Clearance {
 
     /// With p_i = (1 − s_i) q + s_i e and weights π_i: `∇y = Σ π_i ∇d_i`,
     /// `∇²y = Σ π_i ∇²d_i − β (Σ π_i ∇d_i ∇d_iᵀ − ∇y ∇yᵀ)`.
-    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
+    fn derivatives(&self, w: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
         gradient.fill(0.0);
         hessian.fill(0.0);
-        let (points, _) = self.distances(w);
+        let (points, y) = self.distances(w);
         let ends = |share: f64| [(NOW + QUADROTOR, 1.0 - share), (NOW + END_EFFECTOR, share)];
         for (share, distance, weight) in &points {
             let second =
@@ -199,6 +199,7 @@ impl Output for Clearance {
                 hessian[i * w.len() + j] += SHARPNESS * gradient[i] * gradient[j];
             }
         }
+        y
     }
 }
 
