@@ -10,6 +10,7 @@ import json
 import random
 import select
 import sys
+import time
 
 from mavsdk import Configuration, Mavsdk
 from mavsdk.exceptions import MavsdkError
@@ -137,7 +138,7 @@ def main():
         # East, north, up, with the noise of cameras: poses that never change are no poses.
         drone, tip = ([x + random.gauss(0.0, NOISE_M) for x in (place[1], place[0], up)]
                       for up in (-place[2], -place[2] - length_m))  # fmt: skip
-        capture.report({"drone": drone, "tip": tip}, (0.0, 0.0, 0.0, 1.0))
+        capture.report(time.time(), {"drone": drone, "tip": tip}, (0.0, 0.0, 0.0, 1.0))
         if ticks % 3 == 0:
             autopilot.tell(place, velocity, on_ground)
         if ticks % 50 == 0:

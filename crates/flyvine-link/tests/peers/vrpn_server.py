@@ -5,7 +5,6 @@ vrpn_Connection.h and vrpn_Tracker.h).
 """
 
 import ctypes
-import time
 
 import motioncapture
 
@@ -51,9 +50,8 @@ class Server:
         construct(memory, name.encode(), self.connection, 1)
         return memory
 
-    def report(self, position_of, quaternion):
-        """One frame, now: the position of every body by its name, m, and one attitude for all, scalar last."""
-        now = time.time()
+    def report(self, now, position_of, quaternion):
+        """One frame, captured at `now`: the position of every body by its name, m, and one attitude for all, scalar last."""
         stamp = Timeval(int(now), int(1e6 * (now % 1.0)))
         for name, tracker in self.trackers.items():
             report_pose(tracker, 0, stamp, (Double * 3)(*position_of[name]), (Double * 4)(*quaternion), LOW_LATENCY)
