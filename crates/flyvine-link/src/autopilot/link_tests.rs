@@ -207,7 +207,9 @@ fn refusals_end_the_attempt_to_fly_but_never_the_one_to_land() {
             asked.iter().any(|(command, _)| land.contains(command)),
             "{asked:?}"
         );
-        land.map(|command| wire.acknowledge(command, MavResult::MAV_RESULT_DENIED));
+        for command in land {
+            wire.acknowledge(command, MavResult::MAV_RESULT_DENIED);
+        }
     }
 }
 
