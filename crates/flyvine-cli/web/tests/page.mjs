@@ -304,7 +304,7 @@ async function live() {
   page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
   page.on("pageerror", (error) => complaints.push(error.stack));
   await page.goto(await flight.url);
-  await page.waitForFunction(() => flyvine.first?.rows > 40);
+  await page.waitForFunction(() => globalThis.flyvine?.first?.rows > 40);
   await page.screenshot({ path: join(shots, "live.png") });
   assert.equal(await flight.ended, 0);
   await page.waitForFunction(() => !flyvine.live);
@@ -343,7 +343,7 @@ async function live() {
 async function aborts() {
   const flight = serve("fly", "plan.json", "--vehicle", "sim", "--out", "aborted.mcap", "--live");
   const page = await open(await flight.url);
-  await page.waitForFunction(() => flyvine.first.rows > 20);
+  await page.waitForFunction(() => globalThis.flyvine?.first?.rows > 20);
   await page.keyboard.press("a");
   assert.equal(await flight.ended, 3, "an aborted flight is not to be trusted");
   await page.waitForFunction(() => !flyvine.live);
