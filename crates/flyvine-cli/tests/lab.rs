@@ -12,7 +12,7 @@ use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use common::demo_run;
+use common::{bodies_file, demo_run};
 use flyvine::flight::{Sample, read_flight};
 
 #[test]
@@ -48,12 +48,7 @@ fn a_lab_of_others_programs_is_flown() {
         .stdout(Stdio::piped())
         .stderr(Stdio::from(std::fs::File::create(&complaints).unwrap()));
     let mut lab = lab.spawn().unwrap();
-    let bodies = scratch.path().join("bodies.toml");
-    std::fs::write(
-        &bodies,
-        "[quadrotor]\nname = \"drone\"\n[end_effector]\nname = \"tip\"\n",
-    )
-    .unwrap();
+    let bodies = bodies_file(scratch.path());
     let recording = scratch.path().join("flight.mcap");
     let mut base = Command::new(assert_cmd::cargo::cargo_bin("flyvine"));
     base.arg("fly")

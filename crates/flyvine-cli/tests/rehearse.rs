@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use common::demo_run;
+use common::{bodies_file, demo_run};
 use flyvine::flight::read_flight;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
@@ -223,12 +223,7 @@ fn a_dry_run_arms_nothing() {
     let mut vehicle = Process(vehicle.stdout(Stdio::piped()).spawn().unwrap());
     let mut lines = BufReader::new(vehicle.0.stdout.take().unwrap()).lines();
     let served: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
-    let bodies = scratch.path().join("bodies.toml");
-    std::fs::write(
-        &bodies,
-        "[quadrotor]\nname = \"drone\"\n[end_effector]\nname = \"tip\"\n",
-    )
-    .unwrap();
+    let bodies = bodies_file(scratch.path());
     let recording = scratch.path().join("flight.mcap");
     let mut base = binary();
     base.arg("fly")

@@ -29,3 +29,12 @@ pub fn demo_run() -> &'static Path {
 pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
+
+/// A file in `folder` that says which of motion capture's bodies is which.
+#[allow(dead_code)] // not every test wants it
+pub fn bodies_file(folder: &Path) -> PathBuf {
+    let path = folder.join("bodies.toml");
+    let bodies = "[quadrotor]\nname = \"drone\"\n[end_effector]\nname = \"tip\"\n";
+    std::fs::write(&path, bodies).expect("a writable folder");
+    path
+}

@@ -195,10 +195,7 @@ impl Controller for Replanning<'_> {
         if knot + 1 >= self.trajectory.knots() {
             return Proposal::Command(tick.held_command);
         }
-        let model = Surrounded {
-            model: self.model,
-            outlook: self.estimator.outlook(tick.knot),
-        };
+        let model = self.estimator.surrounded(tick.knot);
         if !self.replan(model, knot, state, tick.held_command) {
             return Proposal::Failed;
         }

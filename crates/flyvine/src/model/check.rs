@@ -5,6 +5,7 @@ use super::bank::Bank;
 use super::error::ModelError;
 use super::prediction::Prediction;
 use super::rollout::{RolloutError, WindowError, summarize};
+use super::support::arm_angle;
 use super::track::Track;
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
@@ -183,9 +184,5 @@ fn pooled(predicted: &[Predicted], kind: WindowKind, band: Option<&PredictionBan
 
 /// Whether the arm leans far in any of `steps` rows from `start` on.
 fn is_swing(track: &Track, start: usize, steps: usize) -> bool {
-    (start..=start + steps).any(|row| {
-        let x = track.state(row);
-        let (dx, dy, dz) = (x[6] - x[0], x[7] - x[1], x[8] - x[2]);
-        dx.hypot(dy).atan2(-dz) > SWING_ANGLE
-    })
+    (start..=start + steps).any(|row| arm_angle(track.state(row)) > SWING_ANGLE)
 }

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 /// Share of the rows that lie within the region.
 const SHARE: f64 = 0.99;
 
-/// What 99 % of the rows of some flights stayed within, rounded up to thousandths: a plan that asks for much more is a guess, whatever the
-/// model's error on such flights. Zero where nothing was seen.
+/// What 99 % of the rows of some flights stayed within, rounded up to thousandths: a plan that asks for much more is a
+/// guess, whatever the model's error on such flights. Zero where nothing was seen.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Support {
@@ -79,11 +79,8 @@ impl SupportCounts {
                 .map(|row| flight.samples[row].state().unwrap_or_default())
                 .collect();
             for (row, x) in segment.zip(&states) {
-                // The up-axis' height is 1 − 2 (q_x² + q_y²).
-                let up = 1.0 - 2.0 * (x[3] * x[3] + x[4] * x[4]);
-                self.tilt.add(up.clamp(-1.0, 1.0).acos());
-                self.arm_angle
-                    .add((x[6] - x[0]).hypot(x[7] - x[1]).atan2(x[2] - x[8]));
+                self.tilt.add(tilt(x));
+                self.arm_angle.add(arm_angle(x));
                 self.command_lead
                     .add(distance(&flight.samples[row].command, &x[..3]));
             }
@@ -113,6 +110,17 @@ impl SupportCounts {
             command_lead_m: self.command_lead.limit(),
         }
     }
+}
+
+/// The quadrotor's tilt, rad, in the state `x`: its up-axis' height is 1 − 2 (q_x² + q_y²).
+pub(super) fn tilt(x: &[f64]) -> f64 {
+    let up = 1.0 - 2.0 * (x[3] * x[3] + x[4] * x[4]);
+    up.clamp(-1.0, 1.0).acos()
+}
+
+/// The arm's angle from below the quadrotor, rad, in the state `x`.
+pub(super) fn arm_angle(x: &[f64]) -> f64 {
+    (x[6] - x[0]).hypot(x[7] - x[1]).atan2(x[2] - x[8])
 }
 
 impl Support {

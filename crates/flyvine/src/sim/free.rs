@@ -37,21 +37,13 @@ impl FreeParameter {
 
 /// Everything that replays of the paper's flights can say something about.
 pub fn all() -> Vec<FreeParameter> {
-    let mut free = autopilot();
-    free.extend(airframe());
-    free.extend(arm());
-    free.extend(corner_beams());
-    free
+    [autopilot(), airframe(), arm(), corner_beams()].concat()
 }
 
 /// The same with [`tied_beams`] instead of a beam of its own at every corner: fewer parameters, which say what an arm of
 /// the other length is like.
 pub fn all_tied() -> Vec<FreeParameter> {
-    let mut free = autopilot();
-    free.extend(airframe());
-    free.extend(arm());
-    free.extend(tied_beams());
-    free
+    [autopilot(), airframe(), arm(), tied_beams()].concat()
 }
 
 /// Gains, limits and delays of the flight controller. Tilt and speed limits are left at PX4's defaults: the flights
@@ -171,65 +163,34 @@ const TUBE_LONG_OVER_SHORT: f64 = 1.6;
 /// One beam per pressure, its properties at the short arm's length. Stiffness and wrinkling belong to the tube's section;
 /// slack and stretch add up along the tube; damping gives the swing one damping ratio.
 pub fn tied_beams() -> Vec<FreeParameter> {
-    vec![
-        tied!(0.002, 0.5, empty_short, empty_long, stiffness_n_m2, 1.0),
-        tied!(
-            0.0003,
-            0.1,
-            empty_short,
-            empty_long,
-            damping_n_m2_s,
-            DAMPING_LONG_OVER_SHORT
-        ),
-        tied!(0.01, 10.0, empty_short, empty_long, collapse_moment_n_m, 1.0),
-        tied!(
-            0.001,
-            0.2,
-            empty_short,
-            empty_long,
-            slack_m_n,
-            TUBE_LONG_OVER_SHORT
-        ),
-        tied!(
-            0.001,
-            0.03,
-            empty_short,
-            empty_long,
-            stretch_m_n,
-            TUBE_LONG_OVER_SHORT
-        ),
-        tied!(0.002, 0.5, inflated_short, inflated_long, stiffness_n_m2, 1.0),
-        tied!(
-            0.0003,
-            0.1,
-            inflated_short,
-            inflated_long,
-            damping_n_m2_s,
-            DAMPING_LONG_OVER_SHORT
-        ),
-        tied!(
-            0.01,
-            10.0,
-            inflated_short,
-            inflated_long,
-            collapse_moment_n_m,
-            1.0
-        ),
-        tied!(
-            0.001,
-            0.2,
-            inflated_short,
-            inflated_long,
-            slack_m_n,
-            TUBE_LONG_OVER_SHORT
-        ),
-        tied!(
-            0.001,
-            0.03,
-            inflated_short,
-            inflated_long,
-            stretch_m_n,
-            TUBE_LONG_OVER_SHORT
-        ),
+    macro_rules! beam {
+        ($short:ident, $long:ident) => {
+            [
+                tied!(0.002, 0.5, $short, $long, stiffness_n_m2, 1.0),
+                tied!(
+                    0.0003,
+                    0.1,
+                    $short,
+                    $long,
+                    damping_n_m2_s,
+                    DAMPING_LONG_OVER_SHORT
+                ),
+                tied!(0.01, 10.0, $short, $long, collapse_moment_n_m, 1.0),
+                tied!(0.001, 0.2, $short, $long, slack_m_n, TUBE_LONG_OVER_SHORT),
+                tied!(
+                    0.001,
+                    0.03,
+                    $short,
+                    $long,
+                    stretch_m_n,
+                    TUBE_LONG_OVER_SHORT
+                ),
+            ]
+        };
+    }
+    [
+        beam!(empty_short, empty_long),
+        beam!(inflated_short, inflated_long),
     ]
+    .concat()
 }

@@ -23,8 +23,8 @@ pub(super) struct Layout {
 const DISTURBANCE_INITIAL_KNOTS: f64 = 50.0;
 /// The same of a steady wind and of the load.
 const SURROUNDINGS_INITIAL_KNOTS: f64 = 200.0;
-/// What a family does not know is not estimated.
-pub(super) const KNOWN: SurroundingsNoise = SurroundingsNoise {
+/// Of a family that does not know its surroundings.
+pub(super) const NOT_ESTIMATED: SurroundingsNoise = SurroundingsNoise {
     wind_m_s: 0.0,
     gust_m_s: 0.0,
     tip_load: 0.0,
@@ -58,7 +58,7 @@ impl Layout {
         let mut initial = vec![2e-3; state_len];
         let mut process = vec![0.0; state_len];
         process[..DISTURBANCES].copy_from_slice(&noise.process.entries());
-        append(noise, &KNOWN, &mut initial, &mut process);
+        append(noise, &NOT_ESTIMATED, &mut initial, &mut process);
         Self {
             entries: (0..DISTURBANCES).map(|i| (i, i, 1.0)).collect(),
             initial,

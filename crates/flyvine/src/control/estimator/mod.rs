@@ -38,11 +38,12 @@ use layout::Layout;
 /// Number of disturbances, and of gusts.
 pub const DISTURBANCES: usize = 9;
 /// Entries behind z: disturbances, gusts, surroundings, delay.
-const EXTRA: usize = AIR + 7 + 1;
+const EXTRA: usize = DELAY + 1;
 /// Behind z: first of steady wind (3), its gust (3), load (1).
 const AIR: usize = 2 * DISTURBANCES;
 const AIR_GUST: usize = AIR + 3;
 const TIP_LOAD: usize = AIR_GUST + 3;
+const DELAY: usize = TIP_LOAD + 1;
 /// Shares by which the tip may be heavier.
 const TIP_LOADS: [f64; 2] = [-0.5, 1.5];
 /// Commands that are remembered: the largest delay, in knots, and one more to interpolate.
@@ -218,6 +219,14 @@ impl<'a> Estimator<'a> {
         }
     }
 
+    /// The model in that wind, under that load.
+    pub fn surrounded(&self, knot: usize) -> Surrounded<'a> {
+        Surrounded {
+            model: self.model,
+            outlook: self.outlook(knot),
+        }
+    }
+
     /// The steady wind, m/s, and its standard deviations.
     pub fn wind_m_s(&self) -> ([f64; 3], [f64; 3]) {
         let first = self.state_len() + AIR;
@@ -307,7 +316,7 @@ impl<'a> Estimator<'a> {
                 transition.set(i, j, entry);
             }
             let by_delay = (0..3).map(|axis| row[n + axis] * per_knot[axis]).sum();
-            transition.set(i, n + EXTRA - 1, by_delay);
+            transition.set(i, n + DELAY, by_delay);
         }
         for (i, row) in self.by_surroundings.chunks_exact(SURROUNDINGS_LEN).enumerate() {
             for (j, &entry) in row.iter().enumerate() {
@@ -335,14 +344,14 @@ impl<'a> Estimator<'a> {
     /// How far the start may be from that is as uncertain as before.
     pub fn settle(&mut self, observation: &Observation) {
         let command = self.commands[0];
-        let delay = self.mean.len() - 1;
+        let n = self.state_len();
         for _ in 0..SETTLING_KNOTS {
             self.predict(0, command);
             self.correct(observation);
         }
-        self.mean[delay] = 0.0;
+        self.mean[n + DELAY] = 0.0;
         for i in (0..EXTRA).filter(|&i| fades(i)) {
-            self.mean[delay + 1 - EXTRA + i] = 0.0;
+            self.mean[n + i] = 0.0;
         }
         self.covariance.reset(&self.layout.initial);
         self.correct(observation);
@@ -361,10 +370,7 @@ impl<'a> Estimator<'a> {
         let (whole, fraction) = (delay.round() as usize, delay - delay.round());
         state.copy_from_slice(self.state());
         self.write_push(steady, gust);
-        let model = Surrounded {
-            model: self.model,
-            outlook: self.outlook(knot),
-        };
+        let model = self.surrounded(knot);
         for ahead in 0..whole {
             let (newer, older) = (self.commands[whole - ahead - 1], self.commands[whole - ahead]);
             let effective: [f64; 3] =

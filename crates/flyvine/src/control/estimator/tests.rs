@@ -1,4 +1,4 @@
-use super::layout::KNOWN;
+use super::layout::NOT_ESTIMATED;
 use super::*;
 use crate::flight::Configuration;
 use crate::model::physical::offset;
@@ -122,7 +122,7 @@ fn a_steady_push_and_late_commands_are_found() {
         };
         // A push on the tip alone is no wind: without wind and load to choose from, it is found where it is.
         let noise = NoiseLevels {
-            surroundings: KNOWN,
+            surroundings: NOT_ESTIMATED,
             ..NoiseLevels::PHYSICAL
         };
         let (estimator, watched) = watch(&model, &noise, world, |_, seen| seen);

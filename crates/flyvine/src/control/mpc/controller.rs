@@ -4,7 +4,7 @@ use super::active_set::{Budget, QpReport};
 use super::condensed::{CondensedError, TrackingWeights};
 use super::horizon::{Horizon, HorizonLimits, SoftBound, Start, Window};
 use super::plan::LinearizedPlan;
-use crate::control::estimator::{Estimator, EstimatorError, Surrounded};
+use crate::control::estimator::{Estimator, EstimatorError};
 use crate::control::supervisor::Room;
 use crate::control::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{ControlStep, StepReport, StepStatus};
@@ -169,7 +169,7 @@ fn physical_weights(noise: Option<&NoiseLevels>) -> [f64; 2] {
 /// Model-predictive control along a plan.
 #[derive(Debug, Clone)]
 pub struct ModelPredictive<'a> {
-    plan: LinearizedPlan<'a>,
+    plan: LinearizedPlan,
     estimator: Estimator<'a>,
     horizon: Horizon,
     /// See [`MpcOptions`].
@@ -297,16 +297,9 @@ impl Controller for ModelPredictive<'_> {
             active: 0,
             residual: 0.0,
         };
+        let dynamics = self.estimator.surrounded(tick.knot);
         // Commands that would act after the plan's end no longer matter.
-        let dynamics = Surrounded {
-            model: self.plan.model(),
-            outlook: self.estimator.outlook(tick.knot),
-        };
-        if let Some(window) = self.plan.window(tick.knot + lateness.whole) {
-            let window = Window {
-                dynamics: &dynamics,
-                ..window
-            };
+        if let Some(window) = self.plan.window(tick.knot + lateness.whole, &dynamics) {
             let start = Start {
                 state: &self.state,
                 held_command: &tick.held_command,

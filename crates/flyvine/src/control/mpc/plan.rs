@@ -10,8 +10,7 @@ use nalgebra::DMatrix;
 
 /// A plan, linearized along itself. Arrays are flat and knot-major; N is the plan's number of knots.
 #[derive(Debug, Clone)]
-pub struct LinearizedPlan<'a> {
-    model: &'a ScheduledModel,
+pub struct LinearizedPlan {
     stage: Stage,
     /// z̄ (N × n).
     state_reference: Vec<f64>,
@@ -25,7 +24,7 @@ pub struct LinearizedPlan<'a> {
     cost_to_go: Vec<DMatrix<f64>>,
 }
 
-impl<'a> LinearizedPlan<'a> {
+impl LinearizedPlan {
     /// Linearizes `trajectory`, planned on `model`, for horizons of up to `stages` stages; those near its end are
     /// shorter. `end_effector` (N) is where the tip shall be, m; `bounded` lists the softly bounded entries of the
     /// state.
@@ -34,7 +33,7 @@ impl<'a> LinearizedPlan<'a> {
     /// The Hessian of a horizon is not positive definite.
     pub fn new(
         trajectory: &Trajectory,
-        model: &'a ScheduledModel,
+        model: &ScheduledModel,
         end_effector: &[[f64; 3]],
         weights: &TrackingWeights,
         stages: usize,
@@ -67,7 +66,6 @@ impl<'a> LinearizedPlan<'a> {
             })
             .collect::<Result<_, _>>()?;
         Ok(Self {
-            model,
             stage,
             state_reference,
             commands: std::iter::once(trajectory.start().0)
@@ -85,18 +83,13 @@ impl<'a> LinearizedPlan<'a> {
         self.stage
     }
 
-    /// The model.
-    pub fn model(&self) -> &'a ScheduledModel {
-        self.model
-    }
-
-    /// The horizon from `knot` on; none at the plan's end.
-    pub fn window(&self, knot: usize) -> Option<Window<'_>> {
+    /// The horizon from `knot` on, to be predicted by `dynamics`; none at the plan's end.
+    pub fn window<'w>(&'w self, knot: usize, dynamics: &'w dyn Dynamics) -> Option<Window<'w>> {
         let condensed = self.condensed.get(knot)?;
         let (n, m, stages) = (self.stage.state, self.stage.command, condensed.stages);
         let len = self.stage.jacobian_len();
         Some(Window {
-            dynamics: self.model,
+            dynamics,
             knot,
             condensed,
             jacobians: &self.jacobians[knot * len..][..stages * len],

@@ -13,6 +13,7 @@ use super::scalar::Dual;
 use super::state::{OUTPUT_LEN, State};
 use super::step::step;
 use super::vector::Vector;
+use crate::model::support::{arm_angle, tilt};
 use crate::{DT, HOVER_HEIGHT_M};
 use nalgebra::SMatrix;
 use rand::{RngExt, SeedableRng};
@@ -209,9 +210,7 @@ fn returns(parameters: &Parameters<f64>, model: &PhysicalModel, from: &Sensitive
 
 fn inside<S: super::scalar::Scalar>(state: &State<S>, room: Room) -> bool {
     let outputs = state.outputs().map(|output| output.value());
-    let [x, y, z, qx, qy, _, tip_x, tip_y, tip_z] = outputs;
-    let tilt = (1.0 - 2.0 * (qx * qx + qy * qy)).clamp(-1.0, 1.0).acos();
-    let arm_angle = (tip_x - x).hypot(tip_y - y).atan2(z - tip_z);
+    let [x, y, z, _, _, _, tip_x, tip_y, tip_z] = outputs;
     outputs.iter().all(|value| value.is_finite())
         && [x, y, tip_x, tip_y]
             .iter()
@@ -219,8 +218,8 @@ fn inside<S: super::scalar::Scalar>(state: &State<S>, room: Room) -> bool {
         && (room.height_m[0]..=room.height_m[1]).contains(&z)
         && tip_z >= room.tip_height_m
         && tip_z <= z - BELOW_M
-        && tilt <= room.tilt
-        && arm_angle <= room.arm_angle
+        && tilt(&outputs) <= room.tilt
+        && arm_angle(&outputs) <= room.arm_angle
 }
 
 /// Commands of one block: set points held for a while, or sines, of random size and speed.
