@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use flyvine::flight::Configuration;
-use flyvine::sim::calibrate::{Calibration, CalibrationOptions, Estimate, FreeParameter, calibrate};
+use flyvine::sim::calibrate::{Calibration, CalibrationOptions, FreeParameter, calibrate};
 use flyvine::sim::hover::modes;
 use flyvine::sim::replay::{Recording, ReplayRow, replay_table};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters, free, paper};
-use serde::Serialize;
 
-use crate::console::{centimetres, print, print_json, say, table};
+use crate::calibrate_report::{Distances, FlightLine, HoverLine, ParameterLine, Report, Role};
+use crate::console::{print, print_json, say};
 use crate::flights::{configuration_label, load_flights};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 
@@ -80,64 +80,6 @@ pub struct CalibrateArguments {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-}
-
-/// What a calibration found, for machines.
-#[derive(Serialize)]
-struct Report {
-    parameters: Vec<ParameterLine>,
-    flights: Vec<FlightLine>,
-    /// Of the calibrated vehicle, in every configuration that was fitted.
-    hover: Vec<HoverLine>,
-    cost: f64,
-    iterations: usize,
-}
-
-/// One fitted parameter.
-#[derive(Serialize)]
-struct ParameterLine {
-    name: &'static str,
-    start: f64,
-    value: f64,
-    /// Confidence interval of 95 %, linearized; absent where the flights do not identify the parameter.
-    interval: Option<[f64; 2]>,
-    at_bound: bool,
-}
-
-/// One recording: replay minus recording, m (RMS; for the paper's lemniscates the mean distance of the paths).
-#[derive(Serialize)]
-struct FlightLine {
-    name: String,
-    configuration: String,
-    /// Whether it was fitted, only compared, or compared with a calibration without its configuration.
-    role: Role,
-    start: Distances,
-    calibrated: Distances,
-}
-
-/// The least damped oscillation about hover.
-#[derive(Serialize)]
-struct HoverLine {
-    configuration: String,
-    frequency_hz: f64,
-    /// Negative for one that grows.
-    damping_ratio: f64,
-}
-
-#[derive(Clone, Copy, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum Role {
-    Fitted,
-    HeldOut,
-    ConfigurationLeftOut,
-}
-
-#[derive(Serialize)]
-struct Distances {
-    quadrotor_m: f64,
-    end_effector_m: f64,
-    /// Of end-effector height minus quadrotor height, where the recording has it (the paper's swings).
-    height_m: Option<f64>,
 }
 
 /// Runs `flyvine calibrate`.
@@ -354,101 +296,6 @@ fn label(recording: &Recording) -> String {
     let first = recording.configurations[0];
     let last = recording.configurations[recording.configurations.len() - 1];
     configuration_label(first, (first != last).then_some(last))
-}
-
-impl ParameterLine {
-    fn new(start: f64, estimate: &Estimate) -> Self {
-        let half_width = 1.96 * estimate.standard_error;
-        let interval = [estimate.value - half_width, estimate.value + half_width];
-        Self {
-            name: estimate.name,
-            start,
-            value: estimate.value,
-            interval: half_width.is_finite().then_some(interval),
-            at_bound: estimate.at_bound,
-        }
-    }
-}
-
-impl Report {
-    /// What the flights identify as a table; the others by name.
-    fn parameter_table(&self) -> String {
-        let rows = self.parameters.iter().filter_map(|line| {
-            let [low, high] = line.interval?;
-            let remark = if line.at_bound { "at its bound" } else { "" };
-            Some(vec![
-                line.name.to_owned(),
-                significant(line.start),
-                significant(line.value),
-                format!("{} … {}", significant(low), significant(high)),
-                remark.to_owned(),
-            ])
-        });
-        let mut text = table(&["parameter", "start", "calibrated", "95 % interval", ""], rows);
-        let unidentified: Vec<&str> = self
-            .parameters
-            .iter()
-            .filter(|line| line.interval.is_none())
-            .map(|line| line.name)
-            .collect();
-        if !unidentified.is_empty() {
-            text += &format!("\nnot identified by these flights: {}", unidentified.join(", "));
-        }
-        text
-    }
-
-    fn flight_table(&self) -> String {
-        let rows = self.flights.iter().map(|line| {
-            let role = match line.role {
-                Role::Fitted => "fitted",
-                Role::HeldOut => "held out",
-                Role::ConfigurationLeftOut => "configuration left out",
-            };
-            vec![
-                line.name.clone(),
-                line.configuration.clone(),
-                role.to_owned(),
-                centimetres(line.start.quadrotor_m),
-                centimetres(line.calibrated.quadrotor_m),
-                centimetres(line.start.end_effector_m),
-                centimetres(line.calibrated.end_effector_m),
-                line.calibrated.height_m.map_or_else(String::new, centimetres),
-            ]
-        });
-        let header = [
-            "replay against recording, cm",
-            "configuration",
-            "",
-            "quadrotor, start",
-            "calibrated",
-            "end effector, start",
-            "calibrated",
-            "heights",
-        ];
-        table(&header, rows)
-    }
-
-    fn hover_table(&self) -> String {
-        let rows = self.hover.iter().map(|line| {
-            vec![
-                line.configuration.clone(),
-                format!("{:.2}", line.frequency_hz),
-                format!("{:.3}", line.damping_ratio),
-            ]
-        });
-        table(&["least damped about hover", "Hz", "damping ratio"], rows)
-    }
-}
-
-/// Four significant digits.
-fn significant(value: f64) -> String {
-    let magnitude = value.abs();
-    if magnitude >= 1e-3 || magnitude == 0.0 {
-        let digits = 3 - magnitude.max(1e-3).log10().floor() as i32;
-        format!("{value:.*}", digits.max(0) as usize)
-    } else {
-        format!("{value:.3e}")
-    }
 }
 
 /// A vehicle's TOML, and the tables in it that are not the simulated vehicle's (`[supervisor]`).

@@ -3,6 +3,7 @@
 mod arm_shape;
 mod bench;
 mod calibrate;
+mod calibrate_report;
 mod check;
 mod completions;
 mod console;
