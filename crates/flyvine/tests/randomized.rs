@@ -48,7 +48,7 @@ enum End {
 /// Why a flight did not come to rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Reason {
-    /// Half the step changes how a small swing about hover grows or dies: a fault of the integration.
+    /// Flown with half the step, it comes to rest: a fault of the integration.
     Step,
     /// Undisturbed, with the drawn gains, delays and masses, a small swing about hover grows.
     HoverUnstable,
@@ -157,20 +157,17 @@ impl Case {
     }
 
     fn explain(&self) -> Reason {
-        // The deployment hovers in several configurations on its way.
-        let remaining = [0, HOVER_FROM / 2, ROWS - 1]
-            .map(|row| self.configuration(row))
-            .map(|configuration| (configuration, remaining_swing(&self.parameters, configuration)))
-            .into_iter()
-            .max_by(|(_, a), (_, b)| a.total_cmp(b));
-        let (configuration, remaining) = remaining.expect("three configurations");
         let mut fine = self.parameters.clone();
         fine.simulation.max_step_s /= 2.0;
-        let ratio = remaining_swing(&fine, configuration) / remaining;
-        // Where a grown swing saturates, its last digits are chaotic.
-        if remaining < 3.0 && !(0.8..1.25).contains(&ratio) {
+        if self.fly(&fine, 1.0) == End::Settled {
             return Reason::Step;
         }
+        // The deployment hovers in several configurations on its way. The step has a say in how fast a swing grows: in 3 of
+        // 5,000 vehicles half of it changed what was left after 6 s by more than a quarter.
+        let remaining = [0, HOVER_FROM / 2, ROWS - 1]
+            .map(|row| remaining_swing(&fine, self.configuration(row)))
+            .into_iter()
+            .fold(0.0, f64::max);
         if remaining > 1.0 {
             return Reason::HoverUnstable;
         }
