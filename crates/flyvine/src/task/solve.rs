@@ -162,15 +162,12 @@ impl Optimized {
                 Bounds::State(index) => &names.state[index],
             };
             let knots = knots(loosening.first_knot, loosening.last_knot);
+            let outcome = match loosening.status {
+                Status::Converged => "the task is solved",
+                _ => "it still is not",
+            };
             let by = loosening.by;
-            match loosening.status {
-                Status::Converged => {
-                    format!(
-                        "{name} is at its bounds at {knots}; with these {by:.1e} wider the task is solved"
-                    )
-                }
-                _ => format!("{name} is at its bounds at {knots}; these {by:.1e} wider alone did not help"),
-            }
+            format!("{name} is at its bounds at {knots}; with these alone moved out by {by:.1e} {outcome}")
         };
         let on_states = solution.multipliers.iter().map(|active| Sensitivity {
             constraint: constraint(active.source, active.index),

@@ -8,8 +8,8 @@
 //! ε = yᵀ v / Σ |λ|
 //! ```
 //!
-//! Curvature, and what becomes active next, make it more; so the problem is solved again with the bound moved out, and what
-//! is said here has been tried.
+//! Curvature makes it less or more, and what becomes active next more; so the problem is solved again with the bound moved
+//! out, and what is said here has been tried.
 
 use super::{
     ConstraintSource, Dynamics, Options, Problem, ProblemError, Solution, Solver, Start, StateBound, Status,
@@ -19,9 +19,12 @@ use rayon::prelude::*;
 /// Bounds that are tried: those that would have to move least.
 const TRIED: usize = 3;
 /// How far they are moved, in first-order estimates, until that is enough.
-const REACHES: [f64; 3] = [1.2, 2.0, 5.0];
+const REACHES: [f64; 3] = [0.3, 1.1, 4.0];
 /// An attempt may take as many steps as the failed solve did, and at least these.
 const LEAST_STEPS: usize = 100;
+
+/// Multipliers below this share of the bounds' largest are the cost's, not the violation's.
+const SHARE_THAT_MATTERS: f64 = 1e-3;
 
 /// Bounds that move out together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,9 +40,9 @@ pub enum Bounds {
 pub struct Loosening {
     /// The bounds.
     pub bounds: Bounds,
-    /// First knot at which they are active.
+    /// First knot at which they stand in the way.
     pub first_knot: usize,
-    /// Last knot at which they are active.
+    /// Last knot at which they do.
     pub last_knot: usize,
     /// How far they were moved out, two significant digits.
     pub by: f64,
@@ -67,7 +70,7 @@ impl Loosening {
             return Ok(Vec::new());
         }
         let mut pressures = pressures(solution, problem.command_len());
-        pressures.sort_by(|a, b| b.sum.total_cmp(&a.sum));
+        pressures.sort_by(|a, b| b.sum().total_cmp(&a.sum()));
         pressures.truncate(TRIED);
         let options = Options {
             max_iterations: options.max_iterations.min(solution.iterations.max(LEAST_STEPS)),
@@ -80,13 +83,12 @@ impl Loosening {
     }
 }
 
-/// Σ |λ| of some bounds.
-#[derive(Debug, Clone, Copy)]
+/// The multipliers of some bounds.
+#[derive(Debug, Clone)]
 struct Pressure {
     bounds: Bounds,
-    first_knot: usize,
-    last_knot: usize,
-    sum: f64,
+    /// Knots at which they are active, and |λ| there.
+    at: Vec<(usize, f64)>,
 }
 
 /// The pressures of all active bounds.
@@ -112,16 +114,12 @@ fn pressures(solution: &Solution, command_len: usize) -> Vec<Pressure> {
         if multiplier == 0.0 {
             continue;
         }
+        let here = (knot, multiplier.abs());
         match pressures.iter_mut().find(|known| known.bounds == bounds) {
-            Some(known) => {
-                known.last_knot = knot;
-                known.sum += multiplier.abs();
-            }
+            Some(known) => known.at.push(here),
             None => pressures.push(Pressure {
                 bounds,
-                first_knot: knot,
-                last_knot: knot,
-                sum: multiplier.abs(),
+                at: vec![here],
             }),
         }
     }
@@ -129,6 +127,23 @@ fn pressures(solution: &Solution, command_len: usize) -> Vec<Pressure> {
 }
 
 impl Pressure {
+    /// Σ |λ|.
+    fn sum(&self) -> f64 {
+        self.at.iter().map(|(_, multiplier)| multiplier).sum()
+    }
+
+    /// First and last knot at which the bounds matter, and not only for the cost.
+    fn knots(&self) -> (usize, usize) {
+        let most = self
+            .at
+            .iter()
+            .map(|(_, multiplier)| *multiplier)
+            .fold(0.0, f64::max);
+        let matters = |(_, multiplier): &&(usize, f64)| *multiplier >= SHARE_THAT_MATTERS * most;
+        let knots = || self.at.iter().filter(matters).map(|(knot, _)| *knot);
+        (knots().min().unwrap_or(0), knots().max().unwrap_or(0))
+    }
+
     /// Moves the bounds out, ever further, until the problem is solved; `wanted` is `yᵀ v`.
     fn loosen<D: Dynamics + ?Sized>(
         self,
@@ -138,15 +153,16 @@ impl Pressure {
         solution: &Solution,
         wanted: f64,
     ) -> Result<Loosening, ProblemError> {
+        let (first_knot, last_knot) = self.knots();
         let mut loosening = Loosening {
             bounds: self.bounds,
-            first_knot: self.first_knot,
-            last_knot: self.last_knot,
+            first_knot,
+            last_knot,
             by: 0.0,
             status: solution.status,
         };
         for reach in REACHES {
-            loosening.by = two_digits_up(reach * wanted / self.sum);
+            loosening.by = two_digits_up(reach * wanted / self.sum());
             let loose = moved_out(problem, self.bounds, loosening.by);
             let mut solver = Solver::new(&loose, dynamics, options.clone())?;
             loosening.status = solver.solve_from(Start::Commands(&solution.commands))?.status;

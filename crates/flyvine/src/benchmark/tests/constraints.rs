@@ -86,14 +86,14 @@ fn multipliers_are_sensitivities() {
     );
 }
 
-/// A target above what the commanded heights allow: the diagnosis finds that they are what stands in the way, and says of
-/// no other bound that moving it out helps unless it does.
+/// A target 20 cm beyond what the swing can reach: the diagnosis names the limit on the quadrotor's x and the commanded heights,
+/// and what it says of every bound holds.
 #[test]
 fn bounds_that_stand_in_the_way_are_named() {
     let mut benchmark = read("kick_ES");
     for equality in &mut benchmark.problem.equalities {
-        if equality.index == 8 {
-            equality.value += 0.25;
+        if equality.index == 6 {
+            equality.value += 0.2;
         }
     }
     let (problem, dynamics, options) = (&benchmark.problem, &benchmark.dynamics, Options::default());
