@@ -35,7 +35,7 @@ impl<'a> Rows<'a> {
 
     /// The same rows without the columns before `first`.
     #[inline(always)]
-    pub fn from_column(self, first: usize) -> Self {
+    pub fn skip_columns(self, first: usize) -> Self {
         Self { first, ..self }
     }
 }

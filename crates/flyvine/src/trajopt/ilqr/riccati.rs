@@ -172,7 +172,7 @@ impl WithSimd for CommandBlocks<'_> {
         let jacobian = Rows::new(self.jacobian, fresh, stride);
         SumOfProducts {
             accumulate: false,
-            addends: [Some(value.from_column(fresh)), None],
+            addends: [Some(value.skip_columns(fresh)), None],
             factors: [(value, jacobian)],
             wanted: Wanted::All,
             stride,
@@ -185,7 +185,7 @@ impl WithSimd for CommandBlocks<'_> {
                 curved.then(|| Rows::new(&curvature[n * stride..], m, stride)),
                 None,
             ],
-            factors: [(jacobian.from_column(n), Rows::new(product, fresh, stride))],
+            factors: [(jacobian.skip_columns(n), Rows::new(product, fresh, stride))],
             wanted: Wanted::All,
             stride,
             out: self.cross,
@@ -230,7 +230,7 @@ impl WithSimd for Finish<'_> {
             ..
         } = self.riccati;
         let shifted = |row: usize, rows: usize| {
-            Rows::new(&value[row * value_stride..], rows, value_stride).from_column(fresh)
+            Rows::new(&value[row * value_stride..], rows, value_stride).skip_columns(fresh)
         };
         let addends = [
             Some(shifted(fresh, state)),
