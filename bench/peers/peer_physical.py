@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """CasADi + IPOPT on the physical family: the model's step written anew in CasADi, checked against flyvine's, then timed.
 
-    peer_physical.py PROBLEM.json [RUNS]
+    peer_physical.py PROBLEM.json
 
 PROBLEM.json is what `cargo run --release -p flyvine --example physical_problem` prints: parameters, problem, and states
-along the solution. Multiple shooting with exact derivatives of the compiled step, from the same initial commands and
-their rollout. Prints one JSON object.
+along the solution. Multiple shooting with exact derivatives of the step, from the same initial commands and their rollout,
+by CasADi's interpreter: compiled, the second derivatives are a hundred megabytes of C.
+
+Prints one JSON object when it is ready, and another for every line that it reads: one solve each.
 """
 import json
 import os
@@ -92,7 +94,7 @@ class Model:
         position = s["position"] + rotate(w, v, self.offset)
         return position, s["velocity"] + rotate(w, v, cross(s["body_rate"], self.offset))
 
-    def autopilot(self, s, setpoint, setpoint_velocity):
+    def autopilot(self, s, setpoint, setpoint_velocity, setpoint_acceleration):
         v = per_axis(self.position_gain_xy, self.position_gain_z, setpoint - s["position"])
         v = ca.vertcat(v[0], v[1], limit_length(v[2], self.vertical_speed_limit))
         error = v + setpoint_velocity * self.velocity_feedforward - s["velocity"]
@@ -101,6 +103,7 @@ class Model:
             per_axis(self.velocity_gain_xy, self.velocity_gain_z, error)
             + s["integrator"]
             - per_axis(self.derivative_gain_xy, self.derivative_gain_z, acceleration)
+            + setpoint_acceleration * self.acceleration_feedforward
         )
         tilt = limit_length(wanted[:2], np.tan(self.tilt_limit) * GRAVITY)
         direction = ca.vertcat(tilt, GRAVITY)
@@ -183,9 +186,9 @@ class Model:
         points = [free[1] + (links[1][0] * tension1 - pull) * inverse[0], free[2] - links[1][0] * tension1 * inverse[1]]
         return free[0] + pull, points, torque + cross(rotate(w, v, self.offset), forces[0] + pull)
 
-    def advance(self, s, setpoint, setpoint_velocity):
+    def advance(self, s, setpoint, setpoint_velocity, setpoint_acceleration):
         w, v = s["w"], s["attitude"]
-        pilot = self.autopilot(s, setpoint, setpoint_velocity)
+        pilot = self.autopilot(s, setpoint, setpoint_velocity, setpoint_acceleration)
         quadrotor, points, torque = self.accelerations(s)
         n = dict(s)
         n["velocity"] = s["velocity"] + H * quadrotor
@@ -224,7 +227,7 @@ class Model:
         s["w"] = ca.sqrt(1 - ca.dot(x[3:6], x[3:6]))
         before, long_before = x[28:31], x[31:34]
         newest, newer = (u, (u - before) / DT), (before, (before - long_before) / DT)
-        oldest = (long_before, newer[1])
+        oldest, acceleration = (long_before, newer[1]), (newest[1] - newer[1]) / DT
         for substep in range(SUBSTEPS):
             t = (substep + 1) * H
 
@@ -235,14 +238,14 @@ class Model:
                 return tuple(o + (n - o) * share for n, o in zip(new, old))
 
             setpoint = replacing(newest, replacing(newer, oldest, arrived(t + DT)), arrived(t))
-            s = self.advance(s, *setpoint)
+            s = self.advance(s, *setpoint, acceleration)
         states = [s["position"], s["attitude"], s["points"][1]] + [s[name] for name in names]
         states += [s["thrust"], u, before, s["point_velocities"][1], s["points"][0], s["point_velocities"][0]]
         return ca.Function("F", [x, u], [ca.vertcat(*states)])
 
 
-def solve(problem, step, runs):
-    """Multiple shooting: z_1 … z_{N−1} and u_0 … u_{N−2} are the variables."""
+def solver_of(problem, step):
+    """A function that solves once. Multiple shooting: z_1 … z_{N−1} and u_0 … u_{N−2} are the variables."""
     n, m, knots = 43, 3, problem["N"]
     z0 = np.array(problem["z0"])
     zref = np.array(problem["zref"]).reshape(knots, n)
@@ -263,20 +266,17 @@ def solve(problem, step, runs):
     bounds = [np.concatenate([np.full((knots - 1) * n, side), np.tile(problem[key], knots - 1)])
               for side, key in ((-np.inf, "umin"), (np.inf, "umax"))]
     options = dict(print_time=False, error_on_fail=False, ipopt=dict(print_level=0, sb="yes", tol=1e-6, max_iter=300))
-    if os.environ.get("JIT", "1") == "1":
-        options.update(jit=True, compiler="shell", jit_options=dict(flags=["-O1", "-march=native"], verbose=False))
-    started = time.time()
     solver = ca.nlpsol("S", "ipopt", dict(x=variables, f=cost, g=defects), options)
-    build_s = time.time() - started
-    times = []
-    for _ in range(runs):
+
+    def solve():
         started = time.process_time()
         result = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=0, ubg=0)
-        times.append(1e3 * (time.process_time() - started))
-    stats = solver.stats()
-    found = np.array(result["x"]).ravel()[(knots - 1) * n :].reshape(knots - 1, m)
-    return dict(solver="casadi-ipopt", solved=bool(stats["success"]), iterations=stats["iter_count"], build_s=build_s,
-                min_ms=min(times), times_ms=times, u=found.tolist())
+        ms = 1e3 * (time.process_time() - started)
+        stats = solver.stats()
+        found = np.array(result["x"]).ravel()[(knots - 1) * n :].reshape(knots - 1, m)
+        return dict(ms=ms, solved=bool(stats["success"]), iterations=stats["iter_count"], cost=cost_of(problem, step, found))
+
+    return solve
 
 
 def cost_of(problem, step, commands):
@@ -295,19 +295,16 @@ def cost_of(problem, step, commands):
 
 def main():
     problem = json.load(open(sys.argv[1]))
-    runs = int(sys.argv[2]) if len(sys.argv) > 2 else 3
     step = Model(problem["parameters"], problem["length_m"]).step()
     states = np.array(problem["states"]).reshape(problem["N"], 43)
     commands = np.array(problem["u"]).reshape(problem["N"] - 1, 3)
     worst = max(np.abs(np.array(step(states[k], commands[k])).ravel() - states[k + 1]).max() for k in range(len(commands)))
     if not worst <= 1e-10:
         sys.exit(f"the step differs from flyvine's by {worst:.1e}")
-    result = solve(problem, step, runs) if runs else dict(solver="none")
-    if runs:
-        result["cost"] = cost_of(problem, step, np.array(result["u"]))
-    result["flyvine_cost"] = cost_of(problem, step, commands)
-    result["step_difference"] = float(worst)
-    print(json.dumps(result))
+    solve = solver_of(problem, step)
+    print(json.dumps(dict(step_difference=float(worst), flyvine_cost=cost_of(problem, step, commands))), flush=True)
+    for _ in sys.stdin:
+        print(json.dumps(solve()), flush=True)
 
 
 if __name__ == "__main__":

@@ -128,5 +128,8 @@ pub fn describe(plan: &Plan) -> String {
     for constraint in &solve.violated {
         text += &format!("\nviolated: {constraint}");
     }
+    for loosening in &solve.loosened {
+        text += &format!("\nloosened: {loosening}");
+    }
     text
 }

@@ -13,13 +13,31 @@ pub const fn padded(len: usize) -> usize {
     len.next_multiple_of(MAX_LANES)
 }
 
-/// A matrix, row-major.
+/// A matrix: whole rows, row-major, of which columns from some first one on are meant.
 #[derive(Debug, Clone, Copy)]
 pub struct Rows<'a> {
-    /// Its entries; the last row may be cut short.
-    pub entries: &'a [f64],
-    /// From one row to the next, whole vectors of the widest instruction set where the matrix is not a left factor.
-    pub stride: usize,
+    entries: &'a [f64],
+    stride: usize,
+    first: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// The first `rows` of `stride` entries: whole vectors of the widest instruction set where the matrix is not a left
+    /// factor.
+    #[inline(always)]
+    pub fn new(entries: &'a [f64], rows: usize, stride: usize) -> Self {
+        Self {
+            entries: &entries[..rows * stride],
+            stride,
+            first: 0,
+        }
+    }
+
+    /// The same rows without the columns before `first`.
+    #[inline(always)]
+    pub fn skip_columns(self, first: usize) -> Self {
+        Self { first, ..self }
+    }
 }
 
 /// Which entries of a result are wanted; others, if computed, are meaningless.
@@ -39,16 +57,8 @@ pub enum Wanted {
 /// `out += Cᵀ v`, with C of `v.len()` rows of `out.len()` entries.
 pub fn add_transpose_vector(matrix: &[f64], vector: &[f64], out: &mut [f64]) {
     let stride = out.len();
-    let (left, right) = (
-        Rows {
-            entries: vector,
-            stride: 1,
-        },
-        Rows {
-            entries: matrix,
-            stride,
-        },
-    );
+    let depth = vector.len();
+    let (left, right) = (Rows::new(vector, depth, 1), Rows::new(matrix, depth, stride));
     Arch::new().dispatch(SumOfProducts {
         accumulate: true,
         addends: [None; 2],
@@ -210,11 +220,8 @@ impl<const F: usize> SumOfProducts<'_, F> {
         let width = VECTORS * S::F64_LANES;
         let mut sums = [[simd.splat_f64s(0.0); VECTORS]; ROWS];
         if self.accumulate {
-            let out = Rows {
-                entries: self.out,
-                stride: self.stride,
-            };
-            sums = add_rows(simd, out, row, column, sums);
+            let rows = self.out.len() / self.stride;
+            sums = add_rows(simd, Rows::new(self.out, rows, self.stride), row, column, sums);
         }
         let [first, second] = self.addends;
         if let Some(addend) = first {
@@ -250,7 +257,8 @@ fn add_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
     mut sums: [[S::f64s; VECTORS]; ROWS],
 ) -> [[S::f64s; VECTORS]; ROWS] {
     for (i, sums) in sums.iter_mut().enumerate() {
-        let entries = &matrix.entries[(row + i) * matrix.stride + column..][..VECTORS * S::F64_LANES];
+        let entries = &matrix.entries[(row + i) * matrix.stride + matrix.first + column..];
+        let entries = &entries[..VECTORS * S::F64_LANES];
         for (sum, &entry) in sums.iter_mut().zip(S::as_simd_f64s(entries).0) {
             *sum = simd.add_f64s(*sum, entry);
         }
@@ -259,6 +267,9 @@ fn add_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
 }
 
 /// Adds `Σ_r left[r][row..] right[r][column..]`, row by row until either factor ends.
+///
+/// That the tile fits into the rows is checked once, not at every r. (Nor should the compiler know the sizes: it would unroll
+/// the sum, load what it can beforehand, and run out of registers.)
 #[inline(always)]
 fn add_product<S: Simd, const ROWS: usize, const VECTORS: usize>(
     simd: S,
@@ -268,20 +279,22 @@ fn add_product<S: Simd, const ROWS: usize, const VECTORS: usize>(
     column: usize,
     mut sums: [[S::f64s; VECTORS]; ROWS],
 ) -> [[S::f64s; VECTORS]; ROWS] {
-    let (mut i, mut j) = (row, column);
-    while let (Some(left_row), Some(right_row)) = (
-        left.entries.get(i..i + ROWS),
-        right.entries.get(j..j + VECTORS * S::F64_LANES),
+    let width = VECTORS * S::F64_LANES;
+    let (row, column) = (left.first + row, right.first + column);
+    assert!(left.stride.saturating_sub(row) >= ROWS && right.stride.saturating_sub(column) >= width);
+    let (mut left_rest, mut right_rest) = (left.entries, right.entries);
+    while let (Some((left_row, left_later)), Some((right_row, right_later))) = (
+        left_rest.split_at_checked(left.stride),
+        right_rest.split_at_checked(right.stride),
     ) {
-        let right_row = S::as_simd_f64s(right_row).0;
-        for (sums, &scale) in sums.iter_mut().zip(left_row) {
+        let right_row = S::as_simd_f64s(&right_row[column..][..width]).0;
+        for (sums, &scale) in sums.iter_mut().zip(&left_row[row..][..ROWS]) {
             let scale = simd.splat_f64s(scale);
             for (sum, &right) in sums.iter_mut().zip(right_row) {
                 *sum = simd.mul_add_f64s(scale, right, *sum);
             }
         }
-        i += left.stride;
-        j += right.stride;
+        (left_rest, right_rest) = (left_later, right_later);
     }
     sums
 }

@@ -148,6 +148,36 @@ fn a_plan_stays_near_what_flights_have_shown() {
     assert!(free > 0.1 && kept < 0.3 * free, "{kept} of {free}");
 }
 
+/// A point that commands within their bounds cannot reach in time: the plan says which bounds, moved out, would let them.
+#[test]
+fn a_plan_that_fails_says_which_bounds_stand_in_the_way() {
+    let task = |x_limit: f64| {
+        let text = format!(
+            "name = 'reach'\nconfiguration = {{ length_m = 0.7, pressure_kpa = 0.0 }}\n\
+             [command_bounds]\nlower = [{}, -0.1, 1.4]\nupper = [{x_limit}, 0.1, 1.6]\n\
+             [waypoints]\npoints = [\n\
+             {{ t_s = 1.5, end_effector = [0.3, 0.0, 0.8], exact = true }},\n\
+             {{ t_s = 2.0, end_effector = [0.0, 0.0, 0.8] }} ]",
+            -x_limit
+        );
+        Task::parse(&text, "reach").unwrap()
+    };
+    let failed = planned(&task(0.1)).solve;
+    assert_eq!(failed.status, "probably infeasible");
+    let ee_x = failed
+        .violated
+        .iter()
+        .any(|words| words.starts_with("ee_x = 0.3 at knot 30"));
+    assert!(ee_x, "{:?}", failed.violated);
+    let cmd_x = failed
+        .loosened
+        .iter()
+        .any(|words| words.starts_with("cmd_x") && words.ends_with("the task is solved"));
+    assert!(cmd_x, "{:?}", failed.loosened);
+    let solved = planned(&task(0.6)).solve;
+    assert!(solved.converged && solved.loosened.is_empty(), "{solved:?}");
+}
+
 #[test]
 fn a_bank_that_does_not_know_its_region_is_refused() {
     let error = make_plan(

@@ -24,11 +24,13 @@ impl<D: Dynamics> Dynamics for Dense<'_, D> {
         shifted.copy_from_slice(&state[..shifted.len()]);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let (width, fresh) = (state.len() + command.len(), self.0.fresh_len());
+    fn linearize(&self, knot: usize, state: &[f64], command: &[f64], next: &mut [f64], jacobian: &mut [f64]) {
+        let (width, fresh_len) = (state.len() + command.len(), self.0.fresh_len());
+        let (fresh, shifted) = next.split_at_mut(fresh_len);
+        shifted.copy_from_slice(&state[..shifted.len()]);
         jacobian.fill(0.0);
-        let (top, bottom) = jacobian.split_at_mut(fresh * width);
-        self.0.jacobian(knot, state, command, top);
+        let (top, bottom) = jacobian.split_at_mut(fresh_len * width);
+        self.0.linearize(knot, state, command, fresh, top);
         for (i, row) in bottom.chunks_exact_mut(width).enumerate() {
             row[i] = 1.0;
         }

@@ -235,10 +235,6 @@ impl Dynamics for Pushed<'_> {
         }
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        self.model.jacobian(self.first + knot, state, command, jacobian);
-    }
-
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
         self.model.linearize(self.first + knot, z, u, fresh, jacobian);
         for (entry, push) in fresh.iter_mut().zip(self.push) {

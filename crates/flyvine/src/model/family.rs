@@ -128,10 +128,6 @@ impl Dynamics for Model {
         self.dynamics().step(knot, state, command, fresh);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        self.dynamics().jacobian(knot, state, command, jacobian);
-    }
-
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
         self.dynamics().linearize(knot, z, u, fresh, jacobian);
     }

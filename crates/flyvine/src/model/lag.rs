@@ -231,17 +231,6 @@ impl Dynamics for LagModel {
         }
     }
 
-    fn jacobian(&self, _knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
-        let w = regressor(state, command, &mut buffer);
-        self.copy_linear(jacobian);
-        for quadratic in &self.quadratic {
-            let mut slope = [0.0; MAX_REGRESSOR_LEN];
-            quadratic.value(w, &mut slope[..w.len()]);
-            self.add_slope(quadratic.row, &slope, jacobian);
-        }
-    }
-
     fn linearize(
         &self,
         _knot: usize,

@@ -271,8 +271,7 @@ impl Sensitivities {
         let mut fresh = [0.0; STATE_LEN];
         for step in 1..=HORIZON {
             let command = track.command(start + step - 1);
-            model.step(0, &self.state, command, &mut fresh);
-            model.jacobian(0, &self.state, command, &mut self.jacobian);
+            model.linearize(0, &self.state, command, &mut fresh, &mut self.jacobian);
             let by_state = MatRef::from_row_major_slice(&self.jacobian, STATE_LEN, p).subcols(0, n);
             let s = MatRef::from_row_major_slice(&self.s, n, len);
             let next = MatMut::from_row_major_slice_mut(&mut self.fresh_s, STATE_LEN, len);

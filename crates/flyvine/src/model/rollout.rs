@@ -211,7 +211,8 @@ pub(crate) fn standing_still_errors(
         fn step(&self, _knot: usize, state: &[f64], _command: &[f64], fresh: &mut [f64]) {
             fresh.copy_from_slice(&state[..STATE_LEN]);
         }
-        fn jacobian(&self, _knot: usize, _state: &[f64], _command: &[f64], jacobian: &mut [f64]) {
+        fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+            self.step(knot, z, u, fresh);
             let width = STATE_LEN + self.command_len;
             jacobian.fill(0.0);
             for row in 0..STATE_LEN {

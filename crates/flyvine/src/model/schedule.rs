@@ -149,10 +149,6 @@ impl Dynamics for ScheduledModel {
         self.at_knot(knot).step(knot, state, command, fresh);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        self.at_knot(knot).jacobian(knot, state, command, jacobian);
-    }
-
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
         self.at_knot(knot).linearize(knot, z, u, fresh, jacobian);
     }

@@ -97,6 +97,10 @@ pub struct SolveSummary {
     pub iterations: usize,
     /// The constraints that are violated, worst first, in words.
     pub violated: Vec<String>,
+    /// Where that cannot be helped: active bounds, in words, and whether the task could be solved with those alone moved out;
+    /// empty in plans of older versions.
+    #[serde(default)]
+    pub loosened: Vec<String>,
     /// Mean distance from predicted end effector to reference, m.
     pub predicted_error_m: f64,
     /// What every active bound and equality costs; empty in plans of older versions.

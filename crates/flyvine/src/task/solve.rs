@@ -5,7 +5,8 @@ use super::plan::{PlanOptions, Sensitivity, SolveSummary};
 use super::planning::mean_error_m;
 use super::{Reference, Task};
 use crate::trajopt::{
-    ConstraintSource, Dynamics, Problem, ProblemError, Solution, Solver, Status, Violation, WithCommandChange,
+    Bounds, ConstraintSource, Dynamics, Loosening, Options, Problem, ProblemError, Solution, Solver, Status,
+    Violation, WithCommandChange,
 };
 
 const AXES: [&str; 3] = ["cmd_x", "cmd_y", "cmd_z"];
@@ -29,6 +30,21 @@ impl Names {
     }
 }
 
+/// The solution, and if there is none, what it would take.
+fn solve<D: Dynamics + ?Sized>(
+    problem: &Problem,
+    dynamics: &D,
+    options: &Options,
+) -> Result<(Solution, Vec<Loosening>), ProblemError> {
+    let mut solver = Solver::new(problem, dynamics, options.clone())?;
+    let solution = solver.solve().clone();
+    let loosenings = match solution.status {
+        Status::ProbablyInfeasible => Loosening::find(problem, dynamics, options, &solution)?,
+        _ => Vec::new(),
+    };
+    Ok((solution, loosenings))
+}
+
 /// A problem, posed with what changes of the command cost if the task says so, and solved.
 pub(super) struct Optimized {
     /// As posed, with all that joins the state.
@@ -36,6 +52,8 @@ pub(super) struct Optimized {
     pub solution: Solution,
     /// The states without what cost on changes joins (N × n).
     pub states: Vec<f64>,
+    /// Where constraints are violated for all that the solver could do: bounds that would have to move.
+    loosenings: Vec<Loosening>,
     /// Names in the problem.
     names: Names,
 }
@@ -76,12 +94,12 @@ impl Optimized {
         options: &PlanOptions,
     ) -> Result<Self, ProblemError> {
         let Some(change) = task.command_change else {
-            let mut solver = Solver::new(problem, dynamics, options.solver.clone())?;
-            let solution = solver.solve().clone();
+            let (solution, loosenings) = solve(problem, dynamics, &options.solver)?;
             return Ok(Self {
                 problem: problem.clone(),
                 states: solution.states.clone(),
                 solution,
+                loosenings,
                 names: names.clone(),
             });
         };
@@ -91,8 +109,7 @@ impl Optimized {
         before.resize(problem.command_len(), 0.0);
         let largest = change.max_m.unwrap_or(f64::INFINITY);
         let problem = joined.pose(problem, &before, change.weight, largest);
-        let mut solver = Solver::new(&problem, &joined, options.solver.clone())?;
-        let solution = solver.solve().clone();
+        let (solution, loosenings) = solve(&problem, &joined, &options.solver)?;
         Ok(Self {
             states: joined.own_states(&solution.states),
             names: Names {
@@ -101,6 +118,7 @@ impl Optimized {
             },
             problem,
             solution,
+            loosenings,
         })
     }
 
@@ -131,13 +149,25 @@ impl Optimized {
                 worst_knot,
                 violation,
             } = *violation;
-            let knots = if first_knot == last_knot {
-                format!("knot {worst_knot}")
-            } else {
-                format!("knots {first_knot} to {last_knot}, most at {worst_knot}")
-            };
+            let mut knots = knots(first_knot, last_knot);
+            if first_knot < last_knot {
+                knots += &format!(", most at {worst_knot}");
+            }
             let constraint = constraint(source, index);
             format!("{constraint} at {knots}: off by {violation:.3e}; relaxed by that, it would hold")
+        };
+        let loosened = |loosening: &Loosening| {
+            let name = match loosening.bounds {
+                Bounds::Command(entry) => &names.command[entry],
+                Bounds::State(index) => &names.state[index],
+            };
+            let knots = knots(loosening.first_knot, loosening.last_knot);
+            let outcome = match loosening.status {
+                Status::Converged => "the task is solved",
+                _ => "it still is not",
+            };
+            let by = loosening.by;
+            format!("{name} is at its bounds at {knots}; with these alone moved out by {by:.1e} {outcome}")
         };
         let on_states = solution.multipliers.iter().map(|active| Sensitivity {
             constraint: constraint(active.source, active.index),
@@ -168,8 +198,17 @@ impl Optimized {
             stationarity: solution.stationarity,
             iterations: solution.iterations,
             violated: violated.iter().map(words).collect(),
+            loosened: self.loosenings.iter().map(loosened).collect(),
             predicted_error_m: mean_error_m(reference, &motion.states),
             sensitivities,
         }
+    }
+}
+
+fn knots(first: usize, last: usize) -> String {
+    if first == last {
+        format!("knot {first}")
+    } else {
+        format!("knots {first} to {last}")
     }
 }

@@ -92,11 +92,6 @@ impl<D: Dynamics> Dynamics for WithCommandChange<D> {
         self.write_change(state, command, joined);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let mut fresh = vec![0.0; self.fresh_len()];
-        self.linearize(knot, state, command, &mut fresh, jacobian);
-    }
-
     fn linearize(
         &self,
         knot: usize,

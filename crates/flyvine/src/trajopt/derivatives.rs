@@ -20,8 +20,10 @@ pub(crate) fn assert_derivatives_within(
     assert_eq!((point.len(), adjoint.len()), (n + m, fresh));
     let evaluate = |point: &[f64]| {
         let (mut next, mut jacobian) = (vec![0.0; fresh], vec![0.0; fresh * (n + m)]);
-        dynamics.step(0, &point[..n], &point[n..], &mut next);
-        dynamics.jacobian(0, &point[..n], &point[n..], &mut jacobian);
+        dynamics.linearize(0, &point[..n], &point[n..], &mut next, &mut jacobian);
+        let mut stepped = vec![0.0; fresh];
+        dynamics.step(0, &point[..n], &point[n..], &mut stepped);
+        assert_eq!(stepped, next);
         (next, jacobian)
     };
     let (_, jacobian) = evaluate(point);
@@ -71,7 +73,8 @@ impl Dynamics for Toy {
         fresh[0] = 0.5 * z[1] + 0.1 * z[0] * z[0] + u[0] + 0.2 * z[0] * u[0];
     }
 
-    fn jacobian(&self, _knot: usize, z: &[f64], u: &[f64], jacobian: &mut [f64]) {
+    fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+        self.step(knot, z, u, fresh);
         jacobian.copy_from_slice(&[0.2 * z[0] + 0.2 * u[0], 0.5, 1.0 + 0.2 * z[0]]);
     }
 

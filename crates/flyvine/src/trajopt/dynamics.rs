@@ -21,20 +21,12 @@ pub trait Dynamics: Sync {
     /// `fresh = f_k(z, u)`, with `fresh` of length [`Self::fresh_len`].
     fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]);
 
-    /// The Jacobian `[∂f_k/∂z  ∂f_k/∂u]`, `fresh_len × (n + m)`, row-major.
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]);
+    /// [`Self::step`], and the Jacobian `[∂f_k/∂z  ∂f_k/∂u]`, `fresh_len × (n + m)`, row-major.
+    fn linearize(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64], jacobian: &mut [f64]);
 
-    /// [`Self::step`] and [`Self::jacobian`] at once, for models in which they share work.
-    fn linearize(
-        &self,
-        knot: usize,
-        state: &[f64],
-        command: &[f64],
-        fresh: &mut [f64],
-        jacobian: &mut [f64],
-    ) {
-        self.step(knot, state, command, fresh);
-        self.jacobian(knot, state, command, jacobian);
+    /// The Jacobian alone, as [`Self::linearize`] gives it.
+    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
+        self.linearize(knot, state, command, &mut vec![0.0; self.fresh_len()], jacobian);
     }
 
     /// Adds `Σ_i adjoint_i ∇²f_i` at `(z, u)` to `hessian`: full symmetric, n + m rows of
@@ -68,10 +60,6 @@ impl<D: Dynamics + ?Sized> Dynamics for &D {
 
     fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
         (**self).step(knot, state, command, fresh);
-    }
-
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        (**self).jacobian(knot, state, command, jacobian);
     }
 
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {

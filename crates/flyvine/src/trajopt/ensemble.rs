@@ -199,11 +199,6 @@ impl<D: Dynamics> Dynamics for Ensemble<D> {
         }
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let mut fresh = vec![0.0; self.fresh_len()];
-        self.linearize(knot, state, command, &mut fresh, jacobian);
-    }
-
     fn linearize(
         &self,
         knot: usize,
@@ -298,7 +293,8 @@ mod tests {
             fresh[0] = self.gain * z[1] + 0.1 * z[0] * z[0] + u[0];
         }
 
-        fn jacobian(&self, _knot: usize, z: &[f64], _u: &[f64], jacobian: &mut [f64]) {
+        fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+            self.step(knot, z, u, fresh);
             jacobian.copy_from_slice(&[0.2 * z[0], self.gain, 1.0]);
         }
 

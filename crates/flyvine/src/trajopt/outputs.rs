@@ -110,11 +110,6 @@ impl<D: Dynamics> Dynamics for WithOutputs<'_, D> {
         }
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let mut fresh = vec![0.0; self.fresh_len()];
-        self.linearize(knot, state, command, &mut fresh, jacobian);
-    }
-
     fn linearize(
         &self,
         knot: usize,

@@ -192,11 +192,6 @@ impl<P: Parametric> Dynamics for WithParameters<P> {
         parts.write_next(next);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        let mut fresh = vec![0.0; self.fresh_len()];
-        self.linearize(knot, state, command, &mut fresh, jacobian);
-    }
-
     fn linearize(
         &self,
         knot: usize,
@@ -329,8 +324,9 @@ mod tests {
             fresh[0] *= self.factor;
         }
 
-        fn jacobian(&self, knot: usize, z: &[f64], u: &[f64], jacobian: &mut [f64]) {
-            Toy.jacobian(knot, z, u, jacobian);
+        fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+            Toy.linearize(knot, z, u, fresh, jacobian);
+            fresh[0] *= self.factor;
             jacobian.iter_mut().for_each(|entry| *entry *= self.factor);
         }
 

@@ -3,7 +3,7 @@
 use super::ilqr::backward::Convexification;
 use super::ilqr::forward::ForwardPass;
 use super::ilqr::rollout;
-use super::problem::check_array;
+use super::validation::check_array;
 use super::{Dynamics, ProblemError, Solver};
 
 /// Where a solve starts.

@@ -35,7 +35,7 @@ pub(super) struct Covariance {
 
 /// A square matrix for the kernel.
 fn rows(entries: &[f64], stride: usize) -> Rows<'_> {
-    Rows { entries, stride }
+    Rows::new(entries, entries.len() / stride, stride)
 }
 
 impl Covariance {

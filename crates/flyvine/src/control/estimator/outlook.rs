@@ -56,13 +56,6 @@ impl Dynamics for Surrounded<'_> {
             .step_in(knot, &self.outlook.at(knot), state, command, fresh);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        // No family's fresh entries are more than the physical state.
-        let mut fresh = [0.0; STATE_LEN];
-        let fresh = &mut fresh[..self.model.fresh_len()];
-        self.linearize(knot, state, command, fresh, jacobian);
-    }
-
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
         let mut by_surroundings = [0.0; STATE_LEN * SURROUNDINGS_LEN];
         self.model.linearize_in(

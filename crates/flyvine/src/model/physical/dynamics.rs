@@ -90,10 +90,6 @@ impl Dynamics for PhysicalModel {
         step(&self.parameters, self.arm, &State::from_flat(state), &command).write_flat(fresh);
     }
 
-    fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
-        self.linearize(knot, state, command, &mut [0.0; STATE_LEN], jacobian);
-    }
-
     fn linearize(
         &self,
         _knot: usize,

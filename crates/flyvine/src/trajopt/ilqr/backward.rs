@@ -320,14 +320,8 @@ impl Policy {
         command_box::negative_inverse(factor, &self.holds[knot * m..][..m], inverse);
         let rows = knot * m * stride..(knot + 1) * m * stride;
         let (left, right) = (
-            Rows {
-                entries: inverse,
-                stride: m,
-            },
-            Rows {
-                entries: &self.cross[rows.clone()],
-                stride,
-            },
+            Rows::new(inverse, m, m),
+            Rows::new(&self.cross[rows.clone()], m, stride),
         );
         kernel::sum_products([(left, right)], Wanted::All, stride, &mut self.gains[rows]);
     }

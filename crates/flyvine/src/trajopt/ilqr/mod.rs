@@ -64,6 +64,8 @@ pub(super) struct Trajectory {
     jacobians: Vec<f64>,
     /// One Jacobian as the model writes it, fresh × (n + m).
     compact: Vec<f64>,
+    /// Room for the step that comes with it.
+    fresh: Vec<f64>,
 }
 
 impl Trajectory {
@@ -73,6 +75,7 @@ impl Trajectory {
             points: vec![0.0; shape.knots * shape.stride],
             jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
             compact: vec![0.0; shape.fresh * shape.width()],
+            fresh: vec![0.0; shape.fresh],
         }
     }
 
@@ -142,7 +145,7 @@ impl Trajectory {
             .enumerate()
         {
             let (state, command) = point[..n + m].split_at(n);
-            dynamics.jacobian(knot, state, command, &mut self.compact);
+            dynamics.linearize(knot, state, command, &mut self.fresh, &mut self.compact);
             spread_rows(&self.compact, n + m, stride, jacobian);
         }
     }

@@ -29,16 +29,13 @@ struct Sizes {
 }
 
 impl Sizes {
-    /// Three lags of nine entries and three commands.
-    const USUAL: Self = Self::new(27, 3, 9);
-
-    const fn new(state: usize, command: usize, fresh: usize) -> Self {
+    fn new(state: usize, command: usize, fresh: usize) -> Self {
         Self {
             state,
             command,
             fresh,
             stride: kernel::padded(state + command),
-            value_stride: kernel::padded(fresh + state + command),
+            value_stride: kernel::padded(fresh + kernel::padded(state + command)),
         }
     }
 }
@@ -47,8 +44,8 @@ impl Sizes {
 #[derive(Debug, Clone)]
 pub struct Riccati {
     sizes: Sizes,
-    /// P of the later knot, upper triangle, with zeros to the right and below: so `P₁₂ S` and `Sᵀ P₂₂ S` are P itself,
-    /// read from column `fresh` on, or from row and column `fresh` on.
+    /// P of the later knot, upper triangle, P₁₁ in full, with zeros to the right and below: so `P₁₂ S` and `Sᵀ P₂₂ S` are
+    /// P itself, read from column `fresh` on, or from row and column `fresh` on.
     value: Vec<f64>,
     /// Room for P of this knot.
     next_value: Vec<f64>,
@@ -56,8 +53,6 @@ pub struct Riccati {
     curvature: Vec<f64>,
     /// Whether there are any.
     curved: bool,
-    /// P₁₁ in full, fresh rows of `stride`.
-    fresh_block: Vec<f64>,
     /// W, fresh rows of `stride`.
     product: Vec<f64>,
 }
@@ -73,15 +68,13 @@ impl Riccati {
             ..
         } = sizes;
         let value = vec![0.0; (fresh + state + 1) * value_stride];
-        let rows = vec![0.0; fresh * stride];
         Self {
             sizes,
             value: value.clone(),
             next_value: value,
             curvature: vec![0.0; shape.width() * stride],
             curved: false,
-            fresh_block: rows.clone(),
-            product: rows,
+            product: vec![0.0; fresh * stride],
         }
     }
 
@@ -154,50 +147,33 @@ struct CommandBlocks<'a> {
 impl WithSimd for CommandBlocks<'_> {
     type Output = ();
 
-    /// Sizes that the compiler knows save a fifth of the time.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        match self.riccati.sizes {
-            Sizes::USUAL => self.run(simd, Sizes::USUAL),
-            sizes => self.run(simd, sizes),
-        }
-    }
-}
-
-impl CommandBlocks<'_> {
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S, sizes: Sizes) {
         let Sizes {
             state: n,
             command: m,
             fresh,
             stride,
             value_stride,
-        } = sizes;
+        } = self.riccati.sizes;
         let Riccati {
             value,
             curvature,
             curved,
-            fresh_block,
             product,
             ..
         } = self.riccati;
-        for (i, row) in fresh_block.chunks_exact_mut(stride).enumerate() {
-            let (below, above) = row[..fresh].split_at_mut(i);
-            above.copy_from_slice(&value[i * value_stride + i..][..fresh - i]);
-            for (j, entry) in below.iter_mut().enumerate() {
-                *entry = value[j * value_stride + i];
+        for i in 1..fresh {
+            for j in 0..i {
+                value[i * value_stride + j] = value[j * value_stride + i];
             }
         }
-        let rows = |entries| Rows { entries, stride };
-        let shifted = Rows {
-            entries: &value[fresh..],
-            stride: value_stride,
-        };
+        let value = Rows::new(value, fresh, value_stride);
+        let jacobian = Rows::new(self.jacobian, fresh, stride);
         SumOfProducts {
             accumulate: false,
-            addends: [Some(shifted), None],
-            factors: [(rows(fresh_block), rows(self.jacobian))],
+            addends: [Some(value.skip_columns(fresh)), None],
+            factors: [(value, jacobian)],
             wanted: Wanted::All,
             stride,
             out: product,
@@ -205,8 +181,11 @@ impl CommandBlocks<'_> {
         .with_simd(simd);
         SumOfProducts {
             accumulate: false,
-            addends: [curved.then(|| rows(&curvature[n * stride..])), None],
-            factors: [(rows(&self.jacobian[n..]), rows(product))],
+            addends: [
+                curved.then(|| Rows::new(&curvature[n * stride..], m, stride)),
+                None,
+            ],
+            factors: [(jacobian.skip_columns(n), Rows::new(product, fresh, stride))],
             wanted: Wanted::All,
             stride,
             out: self.cross,
@@ -235,23 +214,13 @@ impl WithSimd for Finish<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        match self.riccati.sizes {
-            Sizes::USUAL => self.run(simd, Sizes::USUAL),
-            sizes => self.run(simd, sizes),
-        }
-    }
-}
-
-impl Finish<'_> {
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S, sizes: Sizes) {
         let Sizes {
             state,
+            command,
             fresh,
             stride,
             value_stride,
-            ..
-        } = sizes;
+        } = self.riccati.sizes;
         let Riccati {
             value,
             next_value,
@@ -260,19 +229,21 @@ impl Finish<'_> {
             product,
             ..
         } = self.riccati;
-        let rows = |entries| Rows { entries, stride };
-        let value = |from: usize| Rows {
-            entries: &value[from..],
-            stride: value_stride,
+        let shifted = |row: usize, rows: usize| {
+            Rows::new(&value[row * value_stride..], rows, value_stride).skip_columns(fresh)
         };
         let addends = [
-            Some(value(fresh * value_stride + fresh)),
-            curved.then(|| rows(curvature)),
+            Some(shifted(fresh, state)),
+            curved.then(|| Rows::new(curvature, state, stride)),
         ];
+        let jacobian = Rows::new(self.jacobian, fresh, stride);
         let factors = [
-            (rows(self.jacobian), value(fresh)),
-            (rows(product), rows(self.jacobian)),
-            (rows(self.gains), rows(self.cross)),
+            (jacobian, shifted(0, fresh)),
+            (Rows::new(product, fresh, stride), jacobian),
+            (
+                Rows::new(self.gains, command, stride),
+                Rows::new(self.cross, command, stride),
+            ),
         ];
         let out = &mut next_value[..state * value_stride];
         // Beyond these columns P₁₂ S is zero.
