@@ -194,9 +194,11 @@ pub fn band_line(band: &PredictionBand) -> String {
         .map(|(horizon, radius)| format!("{} cm at {horizon} s", centimetres(*radius)))
         .collect();
     format!(
-        "{:.0} % of held-out predictions were within {}",
+        "{:.0} % of held-out predictions were within {} while the arm hung straight down, and {:.1} times that where it \
+         leant 30°",
         100.0 * band.confidence,
-        radii.join(", ")
+        radii.join(", "),
+        1.0 + band.growth_per_rad * std::f64::consts::FRAC_PI_6
     )
 }
 

@@ -8,8 +8,9 @@ use flyvine::flight::Flight;
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::streaming::Reduction;
 use flyvine::model::{
-    Bank, CheckReport, Chosen, FamiliesReport, Family, FamilyOptions, FamilyTrial, Finding, FitOptions,
-    FitReport, HeldOutError, InputFile, Refinement, Ridge, Structure, VelocityInput, bootstrap, check,
+    Bank, Candidate, CheckReport, Chosen, CommandInputs, FamiliesReport, Family, FamilyOptions, FamilyTrial,
+    Finding, FitOptions, FitReport, HeldOutError, InputFile, Positions, Refinement, Ridge, Structure,
+    VelocityInput, bootstrap, check,
 };
 
 use crate::check::{band_line, check_table};
@@ -77,6 +78,10 @@ pub struct FitArguments {
     /// Whether the commanded velocity is an input too, where recordings have it.
     #[arg(long, value_enum, default_value_t = VelocityChoice::Auto)]
     command_velocity: VelocityChoice,
+    /// Whether rows depend on where in the room the vehicle is, as in the paper, or only on positions relative to the
+    /// quadrotor: then shifting the room shifts the prediction. `auto`: whichever predicts held-out flights better.
+    #[arg(long, value_enum, default_value_t = PositionsChoice::Auto)]
+    positions: PositionsChoice,
     /// Whether models are refined on the error of whole rollouts after one-step least squares; `auto` keeps the
     /// refinement only where it predicts held-out flights better.
     #[arg(long, value_enum, default_value_t = RefinementChoice::Auto)]
@@ -136,6 +141,13 @@ enum VelocityChoice {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
+enum PositionsChoice {
+    Auto,
+    Absolute,
+    Relative,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
 enum RefinementChoice {
     Auto,
     Off,
@@ -164,6 +176,11 @@ impl FitArguments {
                 VelocityChoice::Auto => VelocityInput::Auto,
                 VelocityChoice::Off => VelocityInput::Off,
                 VelocityChoice::On => VelocityInput::On,
+            },
+            positions: match self.positions {
+                PositionsChoice::Auto => None,
+                PositionsChoice::Absolute => Some(Positions::Absolute),
+                PositionsChoice::Relative => Some(Positions::Relative),
             },
             refinement: match self.refinement {
                 RefinementChoice::Auto => Refinement::Auto,
@@ -347,8 +364,23 @@ fn candidate_table(report: &FitReport) -> String {
     let error =
         |error: &Option<HeldOutError>| error.map_or("–".to_owned(), |error| centimetres(error.mean_m));
     let rows = report.candidates.iter().map(|candidate| {
+        // What was chosen may have been refined since.
+        let is_chosen = Candidate {
+            refined: chosen.refined,
+            ..candidate.clone()
+        } == *chosen;
         vec![
-            if candidate == chosen { "▶" } else { "" }.to_owned(),
+            if is_chosen { "▶" } else { "" }.to_owned(),
+            match candidate.inputs {
+                CommandInputs::Position => "position",
+                CommandInputs::PositionAndVelocity => "and velocity",
+            }
+            .to_owned(),
+            match candidate.positions {
+                Positions::Absolute => "absolute",
+                Positions::Relative => "relative",
+            }
+            .to_owned(),
             format!("{:e}", candidate.linear_ridge),
             strength(candidate.height_ridge),
             error(&candidate.corners),
@@ -357,6 +389,8 @@ fn candidate_table(report: &FitReport) -> String {
     });
     let header = [
         "chosen",
+        "command",
+        "positions",
         "linear ridge",
         "height ridge",
         "held-out rollouts, cm",

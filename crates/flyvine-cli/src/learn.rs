@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use flyvine::DT;
 use flyvine::control::{End, Flying, fly_plan};
 use flyvine::file::sha256_hex;
 use flyvine::flight::{Flight, HygieneOptions, clean, write_flight};
 use flyvine::model::{Bank, InputFile, Learner, Lesson};
 use flyvine::report::Score;
 use flyvine::run::{experiment_folder, score_flight};
-use flyvine::task::{PlanOptions, Task, make_corrected_plan, write_plan};
+use flyvine::task::{Motion, Plan, PlanOptions, Task, make_corrected_plan, write_plan};
 use serde::Serialize;
 
 use crate::console::{centimetres, print, print_json, say, table};
@@ -24,7 +25,8 @@ use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 /// Every refit sees the recordings that the bank was fitted on and, weighted, the flights of the task so far, within a
 /// trust region about the parameters. How much the new flights may weigh is decided on recordings that are held out: a
 /// refit that predicts them worse is not accepted. What the model still misses, knot by knot, the next plan makes up
-/// for. Needs a bank of the physical family and a task of one configuration.
+/// for; after a flight that was worse than the best so far, it goes half as far from the best one's plan. The best
+/// flight's plan is kept as RUN_DIR/plan.json. Needs a bank of the physical family and a task of one configuration.
 ///
 ///   flyvine learn examples/tasks/swing_ES.toml --bank bank.json --vehicle sim --rounds 3 --out run
 #[derive(Args)]
@@ -61,9 +63,19 @@ pub struct LearnArguments {
 struct Round {
     converged: bool,
     aborted: bool,
+    /// What is to become small, m ([`miss_m`]); absent where the end effector was not seen.
+    miss_m: Option<f64>,
     score: Score,
     /// `None` after the last flight.
     lesson: Option<Lesson>,
+}
+
+/// All flights.
+#[derive(Serialize)]
+struct Learnt {
+    /// The flight whose plan was kept; `None`: none was flown to its end.
+    best_round: Option<usize>,
+    rounds: Vec<Round>,
 }
 
 /// Runs `flyvine learn`.
@@ -86,21 +98,26 @@ pub fn run(arguments: &LearnArguments) -> CommandResult {
         learner.recordings()
     ));
     let mut rounds = Vec::new();
+    let mut best: Option<(usize, f64, Plan)> = None;
     for number in 0..=arguments.rounds {
         let folder = experiment_folder(&arguments.out, &format!("{}_round_{number}", task.name));
         let bank_path = arguments.out.join(format!("bank_round_{number}.json"));
         learner.bank().write(&bank_path).or_internal()?;
-        let (mut round, flight) = fly_round(arguments, &task, &learner, &bank_path, &folder, number)?;
+        let (mut round, plan, flight) = fly_round(arguments, &task, &learner, &bank_path, &folder, number)?;
         if round.score.rows_missing > 0 {
             say("warning: end-effector poses are missing from this flight");
         }
         let aborted = round.aborted;
+        let miss_m = round.miss_m.unwrap_or(f64::INFINITY);
+        if !aborted && best.as_ref().is_none_or(|(_, least, _)| miss_m < *least) {
+            best = Some((number, miss_m, plan));
+        }
         if number < arguments.rounds && !aborted {
             say(&format!(
                 "round {number}: {}; refitting …",
                 describe(&round.score)
             ));
-            round.lesson = Some(learner.learn(flight).or_input()?);
+            round.lesson = Some(learner.learn(flight, miss_m).or_input()?);
         }
         rounds.push(round);
         if aborted {
@@ -108,17 +125,32 @@ pub fn run(arguments: &LearnArguments) -> CommandResult {
             break;
         }
     }
-    write_json(&arguments.out.join("learn.json"), &rounds)?;
+    let learnt = Learnt {
+        best_round: best.as_ref().map(|(number, ..)| *number),
+        rounds,
+    };
+    write_json(&arguments.out.join("learn.json"), &learnt)?;
     if arguments.json {
-        print_json(&rounds)?;
+        print_json(&learnt)?;
     } else {
-        print(&round_table(&rounds))?;
+        print(&round_table(&learnt.rounds))?;
     }
-    let last = rounds.last().expect("at least one flight");
-    if !last.converged {
-        say("warning: the last plan did not converge");
+    let Some((number, _, plan)) = best else {
+        say("warning: no flight was flown to its end");
+        return Ok(Outcome::Untrusted);
+    };
+    let path = arguments.out.join("plan.json");
+    write_plan(&path, &plan).or_internal()?;
+    say(&format!(
+        "flight {number} was the best: wrote its plan, {}",
+        path.display()
+    ));
+    let best = &learnt.rounds[number];
+    if !best.converged {
+        say("warning: the best flight's plan did not converge");
     }
-    Ok(if last.converged && !last.aborted {
+    let aborted = learnt.rounds.iter().any(|round| round.aborted);
+    Ok(if best.converged && !aborted {
         Outcome::Done
     } else {
         Outcome::Untrusted
@@ -157,7 +189,7 @@ fn fly_round(
     bank_path: &Path,
     folder: &Path,
     number: usize,
-) -> Result<(Round, Flight), Failure> {
+) -> Result<(Round, Plan, Flight), Failure> {
     let hash = |path: &Path| Ok::<_, Failure>(sha256_hex(&std::fs::read(path).or_input()?));
     let options = PlanOptions {
         task_sha256: hash(&arguments.task)?,
@@ -205,10 +237,24 @@ fn fly_round(
     let round = Round {
         converged: plan.solve.converged,
         aborted: matches!(outcome.end, End::Aborted { .. }),
+        miss_m: miss_m(task, &score),
         score,
         lesson: None,
     };
-    Ok((round, flight))
+    Ok((round, plan, flight))
+}
+
+/// What is to become small, m: of a swing, how far it missed its target and by how much its last step towards it was off;
+/// of any other task, the mean distance from the reference. `None` where the end effector was not seen.
+fn miss_m(task: &Task, score: &Score) -> Option<f64> {
+    match task.motion() {
+        Motion::Swing(swing) => {
+            let [vx, vz] = score.target_velocity_m_s?;
+            let [dx, dz] = swing.approach_m;
+            Some(score.target_miss_m? + (vx * DT - dx).hypot(vz * DT - dz))
+        }
+        _ => Some(score.ee_vs_reference.mean_m),
+    }
 }
 
 /// A score in a few words.

@@ -187,8 +187,15 @@ fn a_physical_bank_is_reported_excited_and_learnt_with() {
         .assert()
         .success()
         .stdout(contains("to reference, cm"));
-    let rounds = json("learnt/learn.json");
+    let learnt = json("learnt/learn.json");
+    let rounds = &learnt["rounds"];
     assert_eq!(rounds.as_array().unwrap().len(), 2);
+    let miss = |round: usize| rounds[round]["miss_m"].as_f64().unwrap();
+    let best = usize::from(miss(1) < miss(0));
+    assert_eq!(learnt["best_round"], best);
+    let kept = std::fs::read(file("learnt/plan.json")).unwrap();
+    let flown = format!("learnt/experiments/lemniscate_10s_ES_round_{best}/plan.json");
+    assert!(kept == std::fs::read(file(&flown)).unwrap());
     assert!(rounds[0]["lesson"]["trials"][0]["weight"].is_number() && rounds[1]["lesson"].is_null());
     assert!(file("learnt/experiments/lemniscate_10s_ES_round_1/flight.csv").exists());
 }

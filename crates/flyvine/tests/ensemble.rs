@@ -6,7 +6,7 @@ mod common;
 
 use common::reference_flights;
 use flyvine::flight::Flight;
-use flyvine::model::{Bank, FitOptions, Refinement, Ridge, fit_bank};
+use flyvine::model::{Bank, FitOptions, Positions, Refinement, Ridge, fit_bank};
 use flyvine::task::{PlanOptions, Task, make_ensemble_plan};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -24,6 +24,7 @@ fn resampled_bank(flights: &[Flight], random: &mut ChaCha8Rng) -> Bank {
     let options = FitOptions {
         height_ridge: Ridge::Value(1e-3),
         linear_ridge: Ridge::Value(0.0),
+        positions: Some(Positions::Absolute),
         refinement: Refinement::Off,
         ..FitOptions::default()
     };

@@ -8,8 +8,8 @@ use common::{flights, reference_flights, shared_data};
 use flyvine::flight::{Flight, Mapping};
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{
-    CheckReport, Family, FamilyOptions, Finding, FitOptions, LagModel, Refinement, Ridge, Structure, check,
-    fit_bank, fit_families, fit_physical_bank, spectral_radius,
+    CheckReport, Family, FamilyOptions, Finding, FitOptions, LagModel, Positions, Refinement, Ridge,
+    Structure, check, fit_bank, fit_families, fit_physical_bank, spectral_radius,
 };
 use flyvine::trajopt::Dynamics;
 use std::path::Path;
@@ -75,6 +75,7 @@ fn the_papers_structure_plain_is_the_papers_result() {
     let plain = FitOptions {
         height_ridge: Ridge::Value(0.0),
         linear_ridge: Ridge::Value(0.0),
+        positions: Some(Positions::Absolute),
         refinement: Refinement::Off,
         ..FitOptions::default()
     };
@@ -90,6 +91,46 @@ fn the_papers_structure_plain_is_the_papers_result() {
     let (bank, _) = fit_bank(&train, &linear).unwrap();
     let checked = check(&bank, &test).unwrap();
     assert!((rollout(&checked, "ES", 2.5).0 - 0.0342).abs() < 1e-3);
+}
+
+/// Positions in the room against relative ones, and what held-out rollouts choose; minutes.
+/// `cargo test --release --test identification -- --ignored --nocapture`
+#[test]
+#[ignore = "minutes"]
+fn relative_positions_beside_absolute_ones() {
+    let judge = |name: &str| name.contains("_test1") || name.starts_with("mid_");
+    let Some(test) = reference_flights(judge) else {
+        return;
+    };
+    for fitted in ["_train", "_author"] {
+        let members = reference_flights(|name| name.contains(fitted)).unwrap();
+        for positions in [Some(Positions::Absolute), Some(Positions::Relative), None] {
+            let options = FitOptions {
+                positions,
+                ..FitOptions::default()
+            };
+            let (bank, report) = fit_bank(&members, &options).unwrap();
+            let checked = check(&bank, &test).unwrap();
+            let chosen = report.chosen;
+            println!(
+                "{fitted}: asked for {positions:?}, chosen {:?}, refined {}, held out {:.2} cm",
+                chosen.positions,
+                chosen.refined,
+                100.0 * chosen.score_m()
+            );
+            for flight in &checked.flights {
+                for horizon_s in [2.5, 10.0] {
+                    let (median_m, diverged) = rollout(&checked, &flight.path, horizon_s);
+                    println!(
+                        "  {} at {horizon_s} s: {:.2} cm, diverged {diverged:.2}",
+                        flight.path,
+                        100.0 * median_m
+                    );
+                    assert!(positions.is_some() || diverged == 0.0);
+                }
+            }
+        }
+    }
 }
 
 /// Crazyflie flights with a slung load whose file names match.

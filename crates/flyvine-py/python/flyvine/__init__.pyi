@@ -74,7 +74,7 @@ def fit(
 ) -> tuple[Bank, dict[str, Any]]:
     """Fits models at the flown configurations; ``auto`` keeps the family that predicts held-out flights better. ``options``
     are the lag family's: ``structure``, ``lags``, ``height_ridge``, ``linear_ridge``, ``command_velocity``,
-    ``refinement``. Returns the bank and the report."""
+    ``positions``, ``refinement``. Returns the bank and the report."""
 
 class Bank:
     """Models at the flown configurations and the bilinear interpolation between them. Immutable."""

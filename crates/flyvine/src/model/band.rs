@@ -1,9 +1,17 @@
 //! How far the end effector may be from a prediction: bands of confidence by split-conformal prediction.
 //!
-//! Models fitted on part of the flights predict the others. Over those held-out windows, the distance at horizon h
-//! that all but a share α of them keep within is the radius of the band at h (Lei et al. 2018, "Distribution-free
-//! predictive inference for regression"): with n windows the ⌈(n + 1)(1 − α)⌉-th smallest distance. The guarantee
-//! is for flights like the held-out ones; wilder flights leave the band more often.
+//! Models fitted on part of the flights predict the others. Wild motions are predicted worse than calm ones, so the
+//! distance d at horizon h is compared with a spread that grows with how far the predicted arm leans at most,
+//!
+//! ```text
+//! σ(θ) = 1 + g θ,   radius(θ) = q σ(θ)
+//! ```
+//!
+//! and q is the quotient d / σ that all but a share α of the held-out windows keep within ("locally weighted" conformal
+//! prediction: Lei et al. 2018, "Distribution-free predictive inference for regression", Sec. 5.2): with n windows the
+//! ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are narrowest, by the mean logarithm of their
+//! radii. The guarantee is for flights like the held-out ones, all windows together; what leans farther than any of them
+//! is an extrapolation.
 
 use super::error::{ModelError, require_finite};
 use super::rollout::WindowError;
@@ -13,8 +21,11 @@ use serde::{Deserialize, Serialize};
 pub const BAND_CONFIDENCE: f64 = 0.95;
 /// Fewer windows than this say nothing about a 95 % quantile.
 const FEWEST_WINDOWS: usize = 40;
+/// Growths of the spread with the arm's angle that are tried, 1/rad.
+const GROWTHS: [f64; 8] = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// Radius of the band of confidence about a predicted end effector, by time since the prediction began.
+/// Radius of the band of confidence about a predicted end effector, by time since the prediction began and by how far
+/// the predicted arm leans.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PredictionBand {
@@ -22,8 +33,11 @@ pub struct PredictionBand {
     pub confidence: f64,
     /// Horizons, s, ascending.
     pub horizons_s: Vec<f64>,
-    /// Radius at every horizon, m.
+    /// Radius at every horizon while the arm hangs straight down, m.
     pub radii_m: Vec<f64>,
+    /// By how much of that the radius grows per radian that the arm leans, 1/rad.
+    #[serde(default)]
+    pub growth_per_rad: f64,
     /// Windows that the radius at every horizon was taken from.
     pub windows: Vec<usize>,
     /// Names of the held-out flights.
@@ -38,48 +52,60 @@ impl PredictionBand {
         windows: &[Vec<WindowError>],
         flights: Vec<String>,
     ) -> Option<Self> {
-        let mut band = PredictionBand {
-            confidence: BAND_CONFIDENCE,
-            horizons_s: Vec::new(),
-            radii_m: Vec::new(),
-            windows: Vec::new(),
-            flights,
+        // The radius of an arm that hangs straight down, per horizon, as far as there is one.
+        let radii = |growth: f64| -> Vec<f64> {
+            let radius = |here: &Vec<WindowError>| conformal_quantile(here, growth);
+            windows.iter().map_while(radius).collect()
         };
-        for (&steps, here) in horizons.iter().zip(windows) {
-            let mut distances: Vec<f64> = here.iter().map(|window| window.last_m).collect();
-            distances.sort_by(f64::total_cmp);
-            let rank = ((distances.len() + 1) as f64 * BAND_CONFIDENCE).ceil() as usize;
-            match distances.get(rank.max(1) - 1) {
-                Some(&radius) if radius.is_finite() && distances.len() >= FEWEST_WINDOWS => {
-                    band.horizons_s.push(steps as f64 * crate::DT);
-                    band.radii_m.push(radius);
-                    band.windows.push(distances.len());
-                }
-                _ => break,
-            }
-        }
-        (!band.radii_m.is_empty()).then_some(band)
+        let mean_logarithm = |growth: f64| -> f64 {
+            let of_horizon = |(radius, here): (&f64, &Vec<WindowError>)| {
+                let logarithms = here
+                    .iter()
+                    .map(|window| (radius * spread(growth, window.arm_angle)).ln());
+                logarithms.sum::<f64>() / here.len() as f64
+            };
+            radii(growth).iter().zip(windows).map(of_horizon).sum()
+        };
+        let growth_per_rad = GROWTHS
+            .into_iter()
+            .min_by(|&a, &b| mean_logarithm(a).total_cmp(&mean_logarithm(b)))
+            .expect("a growth to try");
+        let radii_m = radii(growth_per_rad);
+        let count = radii_m.len();
+        (count > 0).then(|| PredictionBand {
+            confidence: BAND_CONFIDENCE,
+            horizons_s: horizons[..count]
+                .iter()
+                .map(|&steps| steps as f64 * crate::DT)
+                .collect(),
+            radii_m,
+            growth_per_rad,
+            windows: windows[..count].iter().map(Vec::len).collect(),
+            flights,
+        })
     }
 
-    /// The radius `t_s` after the prediction began, m: linear between the horizons, and kept before the first and
-    /// after the last.
-    pub fn radius_m(&self, t_s: f64) -> f64 {
+    /// The radius `t_s` after the prediction began, m, where the predicted arm has leant `arm_angle` (rad) at most:
+    /// linear between the horizons, and kept before the first and after the last.
+    pub fn radius_m(&self, t_s: f64, arm_angle: f64) -> f64 {
         let (times, radii) = (&self.horizons_s, &self.radii_m);
         let last = times.len() - 1;
-        match times.iter().position(|&horizon| horizon >= t_s) {
+        let hanging = match times.iter().position(|&horizon| horizon >= t_s) {
             Some(0) => radii[0],
             None => radii[last],
             Some(after) => {
                 let share = (t_s - times[after - 1]) / (times[after] - times[after - 1]);
                 radii[after - 1] + share * (radii[after] - radii[after - 1])
             }
-        }
+        };
+        hanging * spread(self.growth_per_rad, arm_angle)
     }
 
     /// Refuses what a damaged file may hold.
     pub(crate) fn validate(&self) -> Result<(), ModelError> {
         require_finite("radii of the band", &self.radii_m)?;
         require_finite("horizons of the band", &self.horizons_s)?;
+        require_finite("growth of the band", &[self.growth_per_rad])?;
         let count = self.horizons_s.len();
         if count == 0 || self.radii_m.len() != count || self.windows.len() != count {
             return Err(ModelError::Shape {
@@ -92,6 +118,23 @@ impl PredictionBand {
     }
 }
 
+/// σ.
+fn spread(growth: f64, arm_angle: f64) -> f64 {
+    1.0 + growth * arm_angle
+}
+
+/// q; `None` if it is not finite, or there are too few windows.
+fn conformal_quantile(windows: &[WindowError], growth: f64) -> Option<f64> {
+    let mut quotients: Vec<f64> = windows
+        .iter()
+        .map(|window| window.last_m / spread(growth, window.arm_angle))
+        .collect();
+    quotients.sort_by(f64::total_cmp);
+    let rank = ((quotients.len() + 1) as f64 * BAND_CONFIDENCE).ceil() as usize;
+    let radius = *quotients.get(rank.max(1) - 1)?;
+    (radius.is_finite() && windows.len() >= FEWEST_WINDOWS).then_some(radius)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -102,6 +145,7 @@ mod tests {
                 start: 0,
                 mean_m: last_m,
                 last_m,
+                arm_angle: 0.0,
                 diverged: false,
             })
             .collect()
@@ -113,10 +157,10 @@ mod tests {
         let second = windows((1..=99).map(|i| 0.002 * f64::from(i)));
         let band = PredictionBand::of_windows(&[10, 20], &[first, second], Vec::new()).unwrap();
         // ⌈100 · 0.95⌉ = 95th of 99.
-        assert!((band.radius_m(0.5) - 0.095).abs() < 1e-12);
-        assert!((band.radius_m(0.75) - 0.1425).abs() < 1e-12);
+        assert!((band.radius_m(0.5, 0.0) - 0.095).abs() < 1e-12);
+        assert!((band.radius_m(0.75, 0.3) - 0.1425).abs() < 1e-12);
         assert_eq!(
-            (band.radius_m(0.0), band.radius_m(9.0)),
+            (band.radius_m(0.0, 0.0), band.radius_m(9.0, 0.0)),
             (band.radii_m[0], band.radii_m[1])
         );
         band.validate().unwrap();
@@ -130,5 +174,37 @@ mod tests {
         assert_eq!(band.horizons_s, [0.5]);
         assert!(PredictionBand::of_windows(&[10], &[wild], Vec::new()).is_none());
         assert!(PredictionBand::of_windows(&[10], &[good[..30].to_vec()], Vec::new()).is_none());
+    }
+    #[test]
+    fn the_band_is_wider_where_the_arm_leans() {
+        // Distances grow with the angle: 1 cm of an arm that hangs, 9 cm at 1 rad, up to a fifth more or less.
+        let held_out: Vec<WindowError> = (0..400)
+            .map(|i| {
+                let arm_angle = if i % 10 == 0 {
+                    1.0
+                } else {
+                    0.001 * f64::from(i % 10)
+                };
+                let last_m = 0.01 * (1.0 + 8.0 * arm_angle) * (1.0 + 0.2 * f64::from(i).sin());
+                WindowError {
+                    start: 0,
+                    mean_m: last_m,
+                    last_m,
+                    arm_angle,
+                    diverged: false,
+                }
+            })
+            .collect();
+        let band = PredictionBand::of_windows(&[10], std::slice::from_ref(&held_out), Vec::new()).unwrap();
+        assert_eq!(band.growth_per_rad, 8.0);
+        for leaning in [false, true] {
+            let kind: Vec<&WindowError> = held_out
+                .iter()
+                .filter(|window| (window.arm_angle > 0.5) == leaning)
+                .collect();
+            let inside = (kind.iter()).filter(|window| window.last_m <= band.radius_m(0.5, window.arm_angle));
+            let share = inside.count() as f64 / kind.len() as f64;
+            assert!((0.9..0.99).contains(&share), "{share}");
+        }
     }
 }

@@ -88,7 +88,16 @@ impl<'de> Deserialize<'de> for Bank {
                 )));
             }
         }
-        let file: BankFile = serde_json::from_value(value).map_err(D::Error::custom)?;
+        let file: BankFile = serde_json::from_value(value).map_err(|error| {
+            let of_another_version = ["missing field", "unknown field"];
+            let message = error.to_string();
+            let advice = if of_another_version.iter().any(|what| message.contains(what)) {
+                "; if another version of the program wrote this bank, fit its flights again (`flyvine fit`)"
+            } else {
+                ""
+            };
+            D::Error::custom(message + advice)
+        })?;
         if file.units != units() {
             return Err(D::Error::custom(format!(
                 "bank units: expected metres, kPa, {} s and the state {}",
@@ -215,6 +224,11 @@ mod tests {
     #[test]
     fn what_does_not_belong_is_refused() {
         assert!(message("\"rows\":7", "\"rows\":7,\"colour\":1").contains("unknown field `colour`"));
+        let older = message("\"rows\":7,", "");
+        assert!(
+            older.contains("missing field `rows`") && older.contains("`flyvine fit`"),
+            "{older}"
+        );
         assert!(message("\"kPa\"", "\"psi\"").contains("units"));
         assert!(
             message("\"lags\":3,\"inputs\"", "\"lags\":2,\"inputs\"")

@@ -1,14 +1,14 @@
 //! The recordings of one configuration as triangular factors, and the models that solve them.
 
 use super::error::ModelError;
-use super::features::{Coordinates, quadratic_len, quadratic_terms};
-use super::lag::{CommandInputs, HEIGHT_ROW, LagModel, QuadraticTerms, STATE_LEN};
-use super::least_squares::{Gram, Penalty, TriangularFactor};
-use super::options::Structure;
+use super::features::{Coordinates, PLACE_LEN, quadratic_terms};
+use super::lag::LagModel;
+use super::least_squares::{Gram, TriangularFactor};
+use super::options::{Positions, Structure};
 use super::refine::Stretch;
+use super::shape::{Factors, Ridges, Shape};
 use super::track::Track;
 use crate::flight::Configuration;
-use faer::Mat;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -19,48 +19,6 @@ const MAX_PIECES: usize = 6;
 /// Rows of a piece: a 10-s rollout and some room.
 const PIECE_ROWS: usize = 300;
 
-/// Shape of a fit.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Shape {
-    pub structure: Structure,
-    pub lags: usize,
-    pub inputs: CommandInputs,
-}
-
-/// Strengths of the ridges; `height = None` leaves the height row linear.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Ridges {
-    pub linear: f64,
-    pub height: Option<f64>,
-}
-
-impl Ridges {
-    /// What holds back the rows that are linear in `p` regressors.
-    pub fn linear_penalty(self, p: usize) -> Penalty {
-        Penalty {
-            intercept: false,
-            strengths: vec![self.linear; p],
-        }
-    }
-
-    /// What holds back the quadratic height row: its products by the height ridge.
-    pub fn height_penalty(self, p: usize) -> Option<Penalty> {
-        let mut strengths = vec![self.height?; quadratic_len(p) - 1];
-        strengths[..p].fill(self.linear);
-        Some(Penalty {
-            intercept: true,
-            strengths,
-        })
-    }
-}
-
-/// The quadratic height row, in w.
-pub(crate) struct HeightRow {
-    pub offset: f64,
-    pub linear: Vec<f64>,
-    pub upper_triangle: Vec<f64>,
-}
-
 /// Rows of one flight that are held out together.
 pub(crate) struct Block {
     /// Index of the track.
@@ -69,14 +27,6 @@ pub(crate) struct Block {
     pub rows: Range<usize>,
     factors: Factors<TriangularFactor>,
     grams: Factors<Gram>,
-}
-
-/// The two regressions of a corner.
-pub(crate) struct Factors<F> {
-    /// `[w | x_{k+1} − x_k]`, all nine signals.
-    pub linear: F,
-    /// `[1, w, v vᵀ | height increment]`, for the paper's structure.
-    pub height: Option<F>,
 }
 
 /// The recordings at one configuration.
@@ -155,11 +105,7 @@ impl Corner {
 
     /// Coefficients of the largest row.
     pub fn coefficients(&self) -> usize {
-        self.factors
-            .height
-            .as_ref()
-            .unwrap_or(&self.factors.linear)
-            .regressors()
+        self.shape.coefficients()
     }
 
     /// The model fitted on everything, by QR.
@@ -211,7 +157,8 @@ impl Corner {
             .height
             .as_ref()
             .map(|factor| factor.condition_number(true));
-        match (height, self.factors.linear.condition_number(false)) {
+        let with_offset = self.shape.linear_rows_have_offsets();
+        match (height, self.factors.linear.condition_number(with_offset)) {
             (Some(None), _) | (_, None) => Err(failed),
             (height, Some(linear)) => Ok((height.flatten(), linear)),
         }
@@ -226,24 +173,30 @@ fn pieces(rows: usize, flights: usize) -> usize {
     (rows / PIECE_ROWS).clamp(if flights == 1 { 2 } else { 1 }, MAX_PIECES / flights)
 }
 
-impl Factors<TriangularFactor> {
-    fn grams(&self) -> Factors<Gram> {
-        Factors {
-            linear: self.linear.gram(),
-            height: self.height.as_ref().map(TriangularFactor::gram),
-        }
-    }
-}
-
 impl Block {
     fn new(track: usize, rows: Range<usize>, source: &Track, shape: Shape) -> Self {
         let Shape { lags, inputs, .. } = shape;
         let transitions: Vec<usize> = rows.clone().filter(|&k| source.unbroken(k, lags, 1)).collect();
         let coordinates = Coordinates::new(lags, inputs);
         let mut v = vec![0.0; shape.regressors()];
-        let factors = shape.factors(source, &transitions, |w, terms| {
+        let factors = shape.factors(source, &transitions, |w, linear, height| {
             coordinates.apply(w, &mut v);
-            quadratic_terms(w, &v, terms);
+            match shape.positions {
+                Positions::Absolute => {
+                    linear.copy_from_slice(w);
+                    if !height.is_empty() {
+                        quadratic_terms(w, &v, height);
+                    }
+                }
+                Positions::Relative => {
+                    let r = &v[PLACE_LEN..];
+                    linear[0] = 1.0;
+                    linear[1..].copy_from_slice(r);
+                    if !height.is_empty() {
+                        quadratic_terms(r, r, height);
+                    }
+                }
+            }
         });
         Self {
             track,
@@ -251,88 +204,5 @@ impl Block {
             grams: factors.grams(),
             factors,
         }
-    }
-}
-
-impl Shape {
-    /// Number p of the regressors w.
-    pub fn regressors(self) -> usize {
-        self.lags * STATE_LEN + self.inputs.len()
-    }
-
-    /// Factors the rows of `transitions` k → k + 1; `height_terms` writes the terms of the quadratic height row for a w.
-    pub fn factors(
-        self,
-        source: &Track,
-        transitions: &[usize],
-        mut height_terms: impl FnMut(&[f64], &mut [f64]),
-    ) -> Factors<TriangularFactor> {
-        let p = self.regressors();
-        let quadratic = self.structure == Structure::Paper;
-        let (mut w, mut terms) = (vec![0.0; p], vec![0.0; quadratic_len(p)]);
-        let mut linear = Mat::zeros(transitions.len(), p + STATE_LEN);
-        let mut height = Mat::zeros(if quadratic { transitions.len() } else { 0 }, terms.len() + 1);
-        for (row, &k) in transitions.iter().enumerate() {
-            source.regressors(k, self.lags, &mut w);
-            let increments = source.increments(k);
-            for (column, &value) in w.iter().chain(&increments).enumerate() {
-                linear[(row, column)] = value;
-            }
-            if quadratic {
-                height_terms(&w, &mut terms);
-                for (column, &value) in terms.iter().chain([&increments[HEIGHT_ROW]]).enumerate() {
-                    height[(row, column)] = value;
-                }
-            }
-        }
-        Factors {
-            linear: TriangularFactor::of_rows(linear, p),
-            height: quadratic.then(|| TriangularFactor::of_rows(height, terms.len())),
-        }
-    }
-
-    /// Solves both regressions and puts the model together, back in the coordinates w.
-    fn model<F>(
-        self,
-        factors: &Factors<F>,
-        ridges: Ridges,
-        solve: &dyn Fn(&F, &Penalty) -> Mat<f64>,
-    ) -> Result<LagModel, ModelError> {
-        let Self { lags, inputs, .. } = self;
-        let p = self.regressors();
-        let theta = solve(&factors.linear, &ridges.linear_penalty(p));
-        let penalty = ridges.height_penalty(p);
-        let height = penalty.zip(factors.height.as_ref()).map(|(penalty, factor)| {
-            let theta = solve(factor, &penalty);
-            let theta = theta.col_as_slice(0);
-            HeightRow {
-                offset: theta[0],
-                linear: theta[1..=p].to_vec(),
-                upper_triangle: Coordinates::new(lags, inputs).quadratic_on_w(&theta[1 + p..]),
-            }
-        });
-        self.assemble(&theta, height)
-    }
-
-    /// Puts a model together from what predicts increments: `linear` (p × 9), and the height row if it is quadratic.
-    pub fn assemble(self, linear: &Mat<f64>, height: Option<HeightRow>) -> Result<LagModel, ModelError> {
-        let mut offset = vec![0.0; STATE_LEN];
-        let mut rows: Vec<Vec<f64>> = (0..STATE_LEN)
-            .map(|row| linear.col_as_slice(row).to_vec())
-            .collect();
-        let mut quadratic = Vec::new();
-        if let Some(height) = height {
-            offset[HEIGHT_ROW] = height.offset;
-            rows[HEIGHT_ROW] = height.linear;
-            quadratic.push(QuadraticTerms {
-                row: HEIGHT_ROW,
-                upper_triangle: height.upper_triangle,
-            });
-        }
-        // Increments were fitted: add the newest state.
-        for (signal, row) in rows.iter_mut().enumerate() {
-            row[signal] += 1.0;
-        }
-        LagModel::new(self.lags, self.inputs, offset, rows.concat(), &quadratic)
     }
 }

@@ -9,7 +9,8 @@ use super::bank::Bank;
 use super::error::ModelError;
 use super::families::Family;
 use super::family::Model;
-use super::fit::{fit_bank, group};
+use super::fit::fit_bank;
+use super::groups::group;
 use super::options::{FitOptions, Refinement, Ridge};
 use super::physical::PhysicalFitOptions;
 use super::physical_bank::refit_physical_bank;
@@ -90,6 +91,7 @@ fn as_chosen(bank: &Bank) -> FitOptions {
     FitOptions {
         linear_ridge: Ridge::Value(chosen.linear_ridge),
         height_ridge: chosen.height_ridge.map_or(Ridge::Auto, Ridge::Value),
+        positions: Some(chosen.positions),
         refinement: if chosen.refined {
             Refinement::On
         } else {

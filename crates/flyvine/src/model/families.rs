@@ -8,7 +8,9 @@ use super::band::PredictionBand;
 use super::bank::Bank;
 use super::check::{self, predict};
 use super::error::ModelError;
-use super::fit::{FitReport, Groups, STRAY_SHARE, fit_bank, group};
+use super::findings::STRAY_SHARE;
+use super::fit::{FitReport, fit_bank};
+use super::groups::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{FitProgress, PhysicalFitOptions};
 use super::physical_bank::{PhysicalFitReport, fit_physical_bank, refit_physical_bank};
@@ -137,7 +139,7 @@ pub fn fit_families(
     progress: &mut dyn FnMut(FamilyProgress),
 ) -> Result<(Bank, FamiliesReport), ModelError> {
     options.lag.validate()?;
-    super::fit::refuse_duplicates(flights)?;
+    refuse_duplicates(flights)?;
     let groups = group(flights)?;
     let (kept, held_out) = split(flights, &groups);
     let interior: Vec<Flight> = groups

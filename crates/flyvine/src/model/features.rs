@@ -12,6 +12,9 @@ use faer::linalg::solvers::DenseSolveCore;
 
 /// Where the end-effector position begins in x.
 const TIP: usize = 6;
+/// Entries of v, its first, that say where in the room the vehicle is: the quadrotor's newest position. A function of
+/// the others alone is translation-equivariant: shifting the whole room shifts what it predicts.
+pub(crate) const PLACE_LEN: usize = 3;
 
 /// Number of terms of a full quadratic in p variables: 1 + p + p (p + 1) / 2.
 pub(crate) fn quadratic_len(p: usize) -> usize {
@@ -79,10 +82,12 @@ impl Coordinates {
         self.t.partial_piv_lu().inverse()
     }
 
-    /// The coefficients on w of the linear form with coefficients `b` on v: `Tᵀ b`.
+    /// The coefficients on w of the linear form with coefficients `b` on the last entries of v, as many as b has:
+    /// `Tᵀ b`.
     pub fn linear_on_w(&self, b: &[f64]) -> Vec<f64> {
+        let first = self.t.nrows() - b.len();
         (0..self.t.ncols())
-            .map(|j| (0..b.len()).map(|i| self.t[(i, j)] * b[i]).sum())
+            .map(|j| (0..b.len()).map(|i| self.t[(first + i, j)] * b[i]).sum())
             .collect()
     }
 

@@ -6,7 +6,9 @@
 //! the greatest one whose trial predicts them no worse than without the flight.
 //!
 //! What the model still misses, however it is fitted, comes again in the next flight of the task: by how much the end
-//! effector was off the model's own motion is known knot by knot, and the next plan makes up for it.
+//! effector was off the model's own motion is known knot by knot, and the next plan makes up for it. A flight's noise is
+//! in there, too, and another motion is missed otherwise: so the best flight is kept, and after one that was worse the
+//! next correction goes half as far from the best flight's own as the one before did.
 
 use super::bank::{Bank, BankModel, ModelDiagnostics};
 use super::check::predict;
@@ -29,6 +31,8 @@ const NO_WORSE: f64 = 1.05;
 const HELD_OUT: usize = 3;
 /// Radius of the trust region of one refit, in standard deviations of the priors.
 const TRUST_RADIUS: f64 = 0.5;
+/// No knot's correction changes by more than this at once, m: farther away the next motion is another one.
+const LARGEST_STEP_M: f64 = 0.15;
 
 /// What was known before, and what was flown since.
 #[derive(Debug, Clone)]
@@ -38,8 +42,21 @@ pub struct Learner {
     flown: Vec<Flight>,
     /// Weight of the flights that were flown, as last accepted.
     weight: f64,
-    /// By how much the end effector was off the model in the last flight (rows × 3), m.
+    /// What the next plan makes up for (rows × 3), m.
     model_error_m: Vec<[f64; 3]>,
+    best: Option<Best>,
+}
+
+/// The best flight so far.
+#[derive(Debug, Clone)]
+struct Best {
+    /// Its place among the flights of the task.
+    number: usize,
+    miss_m: f64,
+    /// What its plan made up for, m; empty: nothing.
+    planned_with: Vec<[f64; 3]>,
+    /// Which part of the way to what was then seen the next correction goes.
+    share: f64,
 }
 
 /// One weight that was tried.
@@ -92,6 +109,7 @@ impl Learner {
             flown: Vec::new(),
             weight: 0.0,
             model_error_m: Vec::new(),
+            best: None,
         })
     }
 
@@ -100,8 +118,8 @@ impl Learner {
         &self.bank
     }
 
-    /// By how much the end effector was off the model in the last flight, row by row, m; empty before the first.
-    /// For [`crate::task::make_corrected_plan`].
+    /// By how much the end effector is expected to be off the model, row by row, m; empty before the first flight. For
+    /// [`crate::task::make_corrected_plan`].
     pub fn model_error_m(&self) -> &[[f64; 3]] {
         &self.model_error_m
     }
@@ -111,11 +129,12 @@ impl Learner {
         self.recordings.len()
     }
 
-    /// Takes in a flight of the task.
+    /// Takes in a flight of the task, planned on [`Self::bank`] with [`Self::model_error_m`], that missed what the task asks
+    /// for by `miss_m` (m; whatever measures that, for the flights are compared by it alone).
     ///
     /// # Errors
     /// The flight cannot be simulated, or was flown at another configuration ([`super::fit_physical_bank`]).
-    pub fn learn(&mut self, flight: Flight) -> Result<Lesson, ModelError> {
+    pub fn learn(&mut self, flight: Flight, miss_m: f64) -> Result<Lesson, ModelError> {
         let (held_out, kept): (Vec<_>, Vec<_>) = self
             .recordings
             .iter()
@@ -158,11 +177,36 @@ impl Learner {
             self.bank = refit(&self.bank, &self.recordings, &flown, weight)?;
             self.weight = weight;
         }
-        if let Some(last) = flown.last() {
-            self.model_error_m = simulation_error(&self.bank, last)?;
-        }
         self.flown = flown;
+        self.correct(miss_m)?;
         Ok(lesson)
+    }
+
+    /// Chooses the next correction, after a flight that missed by `miss_m`.
+    fn correct(&mut self, miss_m: f64) -> Result<(), ModelError> {
+        let best = match self.best.take() {
+            Some(best) if miss_m.is_nan() || miss_m >= best.miss_m => Best {
+                share: best.share / 2.0,
+                ..best
+            },
+            _ => Best {
+                number: self.flown.len() - 1,
+                miss_m,
+                planned_with: std::mem::take(&mut self.model_error_m),
+                share: 1.0,
+            },
+        };
+        let mut next = simulation_error(&self.bank, &self.flown[best.number])?;
+        for (row, seen) in next.iter_mut().enumerate() {
+            let before = best.planned_with.get(row).copied().unwrap_or_default();
+            let step = [0, 1, 2].map(|axis| best.share * (seen[axis] - before[axis]));
+            let length = step.iter().map(|s| s * s).sum::<f64>().sqrt();
+            let kept = (LARGEST_STEP_M / length).min(1.0);
+            *seen = std::array::from_fn(|axis| before[axis] + kept * step[axis]);
+        }
+        self.model_error_m = next;
+        self.best = Some(best);
+        Ok(())
     }
 }
 
@@ -256,7 +300,7 @@ mod tests {
         let mut learner = Learner::new(&bank(), HERE, &[]).unwrap();
         let unseen = flight(&vehicle, 9, 200);
         let before = error_on(learner.bank(), &unseen);
-        let lesson = learner.learn(flight(&vehicle, 1, 80)).unwrap();
+        let lesson = learner.learn(flight(&vehicle, 1, 80), 0.05).unwrap();
         assert!(lesson.accepted.is_some() && lesson.before.is_none());
         let after = error_on(learner.bank(), &unseen);
         assert!(after < 0.5 * before, "{before} m, then {after} m");
@@ -289,11 +333,37 @@ mod tests {
         for sample in &mut wrong.samples {
             sample.end_effector = sample.end_effector.map(|[x, y, z]| [x, y, z + 0.15]);
         }
-        let lesson = learner.learn(wrong).unwrap();
+        let lesson = learner.learn(wrong, 0.1).unwrap();
         assert_eq!(lesson.accepted, None, "{lesson:?}");
         assert_eq!(
             *learner.bank(),
             Learner::new(&bank(), HERE, &recordings).unwrap().bank
         );
+    }
+    #[test]
+    fn after_a_worse_flight_the_correction_goes_back_half_way() {
+        let mut learner = Learner::new(&bank(), HERE, &[]).unwrap();
+        // The height that is made up for in the middle, after a flight whose marker had slipped by that much.
+        let mut corrected = |slipped: f64, miss_m: f64| {
+            let mut flight = flight(&Parameters::defaults(), 5, 80);
+            for sample in &mut flight.samples {
+                sample.end_effector = sample.end_effector.map(|[x, y, z]| [x, y, z + slipped]);
+            }
+            learner.flown.push(flight);
+            learner.correct(miss_m).unwrap();
+            learner.model_error_m()[50][2]
+        };
+        let first = corrected(0.4, 0.3);
+        assert!(first > 0.9 * LARGEST_STEP_M && first <= LARGEST_STEP_M, "{first}");
+        let second = corrected(0.23, 0.02);
+        assert!((second - 0.23).abs() < 0.02, "{second}");
+        // Worse than the second: half-way between what that one was planned with and what it showed. And again.
+        for (share, miss_m) in [(0.5, 0.2), (0.25, f64::NAN)] {
+            let height = corrected(0.1, miss_m);
+            assert!(
+                (height - first - share * (second - first)).abs() < 1e-9,
+                "{height}"
+            );
+        }
     }
 }

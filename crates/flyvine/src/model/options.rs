@@ -53,6 +53,19 @@ pub enum Refinement {
     On,
 }
 
+/// Which positions the rows depend on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Positions {
+    /// Also where in the room the vehicle is, as in the paper.
+    #[default]
+    Absolute,
+    /// Only relative to the quadrotor's present position (translation-equivariant): shifting the whole room, its commands
+    /// and all, shifts the prediction by as much. Fewer coefficients; wrong where the room itself acts on the vehicle,
+    /// as a wall or the ground does. Every row has an offset then.
+    Relative,
+}
+
 /// Options of [`super::fit_bank`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -67,6 +80,8 @@ pub struct FitOptions {
     pub linear_ridge: Ridge,
     /// Commanded velocity as an input.
     pub command_velocity: VelocityInput,
+    /// Positions in the room, or relative ones; `None`: those with which held-out rollouts are better.
+    pub positions: Option<Positions>,
     /// Refinement on multi-step simulation error.
     pub refinement: Refinement,
 }
@@ -79,6 +94,7 @@ impl Default for FitOptions {
             height_ridge: Ridge::Auto,
             linear_ridge: Ridge::Auto,
             command_velocity: VelocityInput::Auto,
+            positions: None,
             refinement: Refinement::Auto,
         }
     }

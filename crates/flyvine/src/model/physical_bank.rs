@@ -3,7 +3,7 @@
 use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use super::error::ModelError;
 use super::family::Model;
-use super::fit::{Groups, group, refuse_duplicates};
+use super::groups::{Groups, group, refuse_duplicates};
 use super::options::FitOptions;
 use super::physical::{
     FitProgress, PARAMETER_COUNT, ParameterEstimate, Parameters, PhysicalFitOptions, PhysicalModel,

@@ -6,6 +6,7 @@
 
 use super::band::PredictionBand;
 use super::lag::STATE_LEN;
+use super::support::arm_angle;
 use super::track::Track;
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,9 @@ pub(crate) struct WindowError {
     pub mean_m: f64,
     /// Distance at its last step, m; likewise.
     pub last_m: f64,
+    /// How far the predicted arm leans from below the quadrotor at most, rad: what is known of the window before it is
+    /// flown.
+    pub arm_angle: f64,
     pub diverged: bool,
 }
 
@@ -104,6 +108,7 @@ fn roll_window(
     let mut fresh = vec![0.0; dynamics.fresh_len()];
     let mut errors = Vec::with_capacity(horizons.len());
     let (mut sum, mut worst, mut last) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let mut widest = arm_angle(state);
     for step in 1..=horizons[horizons.len() - 1] {
         if sum.is_finite() {
             let row = start + step - 1;
@@ -118,6 +123,7 @@ fn roll_window(
             sum += distance;
             worst = worst.max(distance);
             last = distance;
+            widest = widest.max(arm_angle(&fresh));
         }
         if horizons.contains(&step) {
             let diverged = worst > DIVERGED_M;
@@ -125,6 +131,7 @@ fn roll_window(
                 start,
                 mean_m: sum / step as f64,
                 last_m: last,
+                arm_angle: widest,
                 diverged,
             });
         }
@@ -169,7 +176,7 @@ pub(crate) fn summarize<'a>(
         diverged_share: share(&|window| window.diverged),
         within_band: band
             .filter(|_| !windows.is_empty())
-            .map(|band| share(&|window| window.last_m <= band.radius_m(horizon_s))),
+            .map(|band| share(&|window| window.last_m <= band.radius_m(horizon_s, window.arm_angle))),
     };
     (error, worst.map(|(track, _)| *track))
 }

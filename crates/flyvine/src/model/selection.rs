@@ -1,12 +1,14 @@
 //! Choosing structure and ridge by what matters to a plan: rollout error on data that was held out.
 
 use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
-use super::corner::{Corner, Ridges};
+use super::corner::Corner;
 use super::error::ModelError;
 use super::family::Model;
 use super::lag::{CommandInputs, LagModel};
+use super::options::Positions;
 use super::refine::refine;
 use super::rollout::{WindowError, standing_still_errors, window_errors};
+use super::shape::{Ridges, Shape};
 use super::track::Track;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -26,6 +28,9 @@ const WORTHWHILE: f64 = 0.98;
 pub struct Candidate {
     /// Inputs of the model.
     pub inputs: CommandInputs,
+    /// Positions in the room, or relative ones.
+    #[serde(default)]
+    pub positions: Positions,
     /// Ridge strength of the linear rows.
     pub linear_ridge: f64,
     /// Ridge strength of the quadratic height row; `None` if that row was linear.
@@ -72,6 +77,11 @@ impl Candidate {
             .collect();
         errors.iter().sum::<f64>() / errors.len().max(1) as f64
     }
+
+    /// Whether this is better than a simpler candidate by so much that it is to be preferred.
+    pub(crate) fn is_worth_more_than(&self, simpler: &Self) -> bool {
+        self.score_m() < WORTHWHILE * simpler.score_m()
+    }
 }
 
 /// Index of the strongest ridge among candidates of ascending strength whose score is near the least: what is
@@ -85,17 +95,6 @@ pub(crate) fn safest(candidates: &[Candidate]) -> usize {
         .iter()
         .rposition(|candidate| candidate.score_m() <= NEARLY * least)
         .unwrap_or(0)
-}
-
-/// Index of the candidate with the least score; a later one must be worth it.
-pub(crate) fn best(candidates: &[Candidate]) -> usize {
-    let mut best = 0;
-    for (index, candidate) in candidates.iter().enumerate().skip(1) {
-        if candidate.score_m() < WORTHWHILE * candidates[best].score_m() {
-            best = index;
-        }
-    }
-    best
 }
 
 /// Held-out rollout errors with and without multi-step refinement.
@@ -129,7 +128,7 @@ pub(crate) struct CrossValidation<'a> {
     pub tracks: &'a [Track<'a>],
     /// Interior and deploying flights (indices into `tracks`).
     pub interior: &'a [usize],
-    pub inputs: CommandInputs,
+    pub shape: Shape,
 }
 
 impl CrossValidation<'_> {
@@ -159,7 +158,8 @@ impl CrossValidation<'_> {
             pool(&self.interior_errors(ridges)?)
         };
         Ok(Candidate {
-            inputs: self.inputs,
+            inputs: self.shape.inputs,
+            positions: self.shape.positions,
             linear_ridge: ridges.linear,
             height_ridge: ridges.height,
             refined: false,
@@ -214,7 +214,7 @@ impl CrossValidation<'_> {
                     .collect();
                 let plain = corner.model_without(&held_out, ridges)?;
                 let kept = corner.stretches(self.tracks, |block| !held_out.contains(&block));
-                let refined = refine(&plain, &kept);
+                let refined = refine(&plain, self.shape.positions, &kept);
                 let test = corner.stretches(self.tracks, |block| held_out.contains(&block));
                 let errors = |model: &LagModel| -> Vec<Vec<Vec<WindowError>>> {
                     test.iter()

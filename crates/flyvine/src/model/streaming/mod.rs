@@ -7,40 +7,36 @@
 //!
 //! One pass has nothing to hold out: ridges are given, not chosen, and `check` on other flights judges the bank.
 
+mod file;
 mod moments;
 mod pairwise;
+mod solve;
 mod sums;
 
+pub use self::solve::StreamedCorner;
 pub use self::sums::Reduction;
 
 use self::pairwise::PairwiseSum;
-use self::sums::{Basis, Solved, Sums};
-use super::bank::{
-    Bank, BankModel, BankProvenance, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics, PRESSURE_TOLERANCE_KPA,
-};
-use super::corner::{Ridges, Shape};
+use self::solve::solve_cell;
+use self::sums::{Basis, Sums};
+use super::bank::{Bank, BankModel, BankProvenance, InputFile, LENGTH_TOLERANCE_M, PRESSURE_TOLERANCE_KPA};
 use super::error::ModelError;
-use super::family::Model;
-use super::features::quadratic_len;
-use super::lag::{CommandInputs, HEIGHT_ROW};
-use super::options::{FitOptions, Refinement, Ridge, Structure, VelocityInput};
+use super::lag::CommandInputs;
+use super::options::{FitOptions, Positions, Refinement, Ridge, Structure, VelocityInput};
 use super::selection::Candidate;
+use super::shape::{Ridges, Shape};
 use super::support::SupportCounts;
 use super::track::{Track, constant_configuration};
 use crate::Shard;
-use crate::file::write_whole;
-use crate::flight::{Configuration, Flight, SIGNALS};
+use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use std::path::Path;
 
 /// What a partial fit's file says it is.
 const SCHEMA: &str = "flyvine-partial-fit";
 /// Version of the format of partial fits that this library writes and reads.
 pub const PARTIAL_FIT_SCHEMA_VERSION: u64 = 2;
-/// Share by which rounding may enlarge a residual before sums are refused.
-const ALLOWED_EXCESS: f64 = 1e-10;
 
 /// The sums of some of the flights of a fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -83,30 +79,11 @@ pub struct StreamReport {
     pub unused: Vec<String>,
 }
 
-/// One model of a streaming fit.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct StreamedCorner {
-    /// Where.
-    pub configuration: Configuration,
-    /// Number of flights.
-    pub flights: usize,
-    /// Transitions fitted.
-    pub rows: usize,
-    /// Condition number of the largest row's regressors, about rest, equilibrated.
-    pub condition_number: f64,
-    /// Share by which the norm of a row's residual may exceed the least one, for rounding.
-    pub excess: f64,
-    /// Root-mean-square residual of the end-effector height, m.
-    pub height_residual_m: f64,
-    /// Spectral radius of the Jacobian at rest.
-    pub spectral_radius: f64,
-}
-
 impl PartialFit {
     /// The sums of no flights yet of `shard`, `flights` being the number of all.
     ///
-    /// Of the options, ridges and the velocity input mean no where they say auto, and refinement is not to be asked
-    /// for: each needs flights that are held out. A ridge on the height row's products holds back products of the
+    /// Of the options, ridges and the velocity input mean no where they say auto, positions are absolute, and refinement
+    /// is not to be asked for: each needs flights that are held out. A ridge on the height row's products holds back products of the
     /// motion about rest, which are not quite those of [`super::fit_bank`].
     ///
     /// # Errors
@@ -123,6 +100,13 @@ impl PartialFit {
                 what: "refinement of a streaming fit",
                 found: "on".into(),
                 expected: "off: it needs the flights themselves".into(),
+            });
+        }
+        if options.positions == Some(Positions::Relative) {
+            return Err(ModelError::Unsupported {
+                what: "positions of a streaming fit",
+                found: "relative".into(),
+                expected: "absolute".into(),
             });
         }
         if !(1..=shard.of).contains(&shard.number) || shard.of > flights {
@@ -280,6 +264,7 @@ impl PartialFit {
             options: self.options,
             chosen: Some(Candidate {
                 inputs: shape.inputs,
+                positions: shape.positions,
                 linear_ridge: ridges.linear,
                 height_ridge: ridges.height,
                 refined: false,
@@ -307,58 +292,6 @@ impl PartialFit {
         self.flights
     }
 
-    /// Reads a partial fit.
-    ///
-    /// # Errors
-    /// The file cannot be read, was cut off, is not a partial fit, has another schema version, or holds sums that
-    /// its options do not make.
-    pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let format = |message: String| ModelError::Format {
-            path: path.to_path_buf(),
-            message,
-        };
-        let contents = std::fs::read(path).map_err(|source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        })?;
-        let part: Self = serde_json::from_slice(&contents)
-            .map_err(|error| format(format!("expected a partial fit, whole: {error}")))?;
-        if (part.schema.as_str(), part.schema_version) != (SCHEMA, PARTIAL_FIT_SCHEMA_VERSION) {
-            return Err(format(format!(
-                "found {} version {}, expected {SCHEMA} version {PARTIAL_FIT_SCHEMA_VERSION}",
-                part.schema, part.schema_version
-            )));
-        }
-        part.options
-            .validate()
-            .map_err(|error| format(error.to_string()))?;
-        let range = part.start <= part.end && part.end <= part.flights;
-        let sums = part.cells.iter().all(|cell| {
-            cell.sums.is_within(part.start..part.end)
-                && cell
-                    .sums
-                    .parts()
-                    .all(|sums| sums.fits(part.shape(), part.reduction))
-        });
-        if !range || !sums {
-            return Err(format("holds other sums than its options make".into()));
-        }
-        Ok(part)
-    }
-
-    /// Writes the partial fit, whole or not at all.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn write(&self, path: &Path) -> Result<(), ModelError> {
-        let file_error = |source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        };
-        let contents = serde_json::to_vec(self).map_err(|error| file_error(error.into()))?;
-        write_whole(path, &contents).map_err(file_error)
-    }
-
     fn shape(&self) -> Shape {
         Shape {
             structure: self.options.structure,
@@ -367,6 +300,7 @@ impl PartialFit {
                 VelocityInput::On => CommandInputs::PositionAndVelocity,
                 VelocityInput::Off | VelocityInput::Auto => CommandInputs::Position,
             },
+            positions: Positions::Absolute,
         }
     }
 
@@ -454,84 +388,6 @@ fn rounded(configuration: Configuration) -> Configuration {
         length_m: round(configuration.length_m, LENGTH_TOLERANCE_M),
         pressure_kpa: round(configuration.pressure_kpa, PRESSURE_TOLERANCE_KPA),
     }
-}
-
-/// Solves one configuration.
-fn solve_cell(
-    cell: Cell,
-    flights: usize,
-    shape: Shape,
-    ridges: Ridges,
-) -> Result<(BankModel, StreamedCorner), ModelError> {
-    let Cell {
-        configuration,
-        flights: names,
-        mut sums,
-    } = cell;
-    sums.skip_to(flights);
-    let sums = sums.total().expect("a configuration has flights");
-    let p = shape.regressors();
-    let (rows, coefficients) = match shape.structure {
-        Structure::Paper => (sums.rows(), quadratic_len(p)),
-        Structure::Linear => (sums.rows(), p),
-    };
-    if rows < coefficients {
-        return Err(ModelError::TooFewRows {
-            configuration,
-            flights: names.len(),
-            rows,
-            coefficients,
-        });
-    }
-    let basis = Basis::new(shape, configuration);
-    let ill_conditioned = |excess: f64| ModelError::IllConditioned {
-        configuration,
-        excess,
-    };
-    let solved: Solved = sums
-        .solve(&basis, ridges)
-        .ok_or_else(|| ill_conditioned(f64::INFINITY))?;
-    let excess = solved.excess();
-    if excess > ALLOWED_EXCESS {
-        return Err(ill_conditioned(excess));
-    }
-    let model = Model::Lag(shape.assemble(&solved.linear.theta, solved.height_row(&basis))?);
-    let mut squares = solved.linear.residual_squares;
-    let linear_condition_number = solved.linear.condition_number;
-    let mut condition_number = linear_condition_number;
-    if let Some(height) = &solved.height {
-        squares[HEIGHT_ROW] = height.residual_squares[0];
-        condition_number = height.condition_number;
-    }
-    let rms: Vec<f64> = squares
-        .iter()
-        .map(|square| (square / rows as f64).sqrt())
-        .collect();
-    let spectral_radius = model.spectral_radius(configuration)?;
-    let corner = StreamedCorner {
-        configuration,
-        flights: names.len(),
-        rows,
-        condition_number,
-        excess,
-        height_residual_m: rms[HEIGHT_ROW],
-        spectral_radius,
-    };
-    let diagnostics = ModelDiagnostics {
-        flights: names,
-        rows,
-        coefficients,
-        condition_number,
-        linear_condition_number,
-        spectral_radius,
-        residual_rms: SIGNALS.map(String::from).into_iter().zip(rms).collect(),
-    };
-    let model = BankModel {
-        configuration,
-        model,
-        diagnostics,
-    };
-    Ok((model, corner))
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! What a fit needs to know of the rows of some flights, in one of two forms.
 
-use super::super::corner::{HeightRow, Ridges, Shape};
 use super::super::family::rest_state;
 use super::super::features::{Coordinates, quadratic_len, quadratic_terms};
 use super::super::lag::STATE_LEN;
 use super::super::least_squares::{Solution, TriangularFactor};
 use super::super::options::Structure;
+use super::super::shape::{Ridges, Row, Shape};
 use super::super::track::Track;
 use super::moments::Moments;
 use super::pairwise::Merge;
@@ -87,7 +87,7 @@ impl Basis {
     }
 
     /// The height row in w, from its coefficients on 1, d and the products of d.
-    fn height_row(&self, theta: &[f64]) -> HeightRow {
+    fn height_row(&self, theta: &[f64]) -> Row {
         let p = self.rest.len();
         let (linear, quadratic) = (&theta[1..=p], &theta[1 + p..]);
         let mut rest = vec![0.0; p];
@@ -104,10 +104,10 @@ impl Basis {
                 offset += a * rest[i] * rest[j];
             }
         }
-        HeightRow {
+        Row {
             offset,
             linear: self.coordinates.linear_on_w(&on_v),
-            upper_triangle: self.coordinates.quadratic_on_w(quadratic),
+            upper_triangle: Some(self.coordinates.quadratic_on_w(quadratic)),
         }
     }
 }
@@ -127,7 +127,7 @@ impl Solved {
     }
 
     /// The height row in w, if it is quadratic.
-    pub fn height_row(&self, basis: &Basis) -> Option<HeightRow> {
+    pub fn height_row(&self, basis: &Basis) -> Option<Row> {
         self.height
             .as_ref()
             .map(|height| basis.height_row(height.theta.col_as_slice(0)))
@@ -161,8 +161,8 @@ impl Sums {
 
     /// Solves both regressions; `None` if the sums do not determine them.
     pub fn solve(&self, basis: &Basis, ridges: Ridges) -> Option<Solved> {
-        let p = basis.rest.len();
-        let (linear, penalty) = (ridges.linear_penalty(p), ridges.height_penalty(p));
+        let linear = ridges.linear_penalty(basis.shape);
+        let penalty = ridges.height_penalty(basis.shape);
         match self {
             Self::Moments(moments) => {
                 let gram = moments.linear_gram(basis.regressors_from_motion().as_ref());
@@ -279,9 +279,12 @@ fn moments(track: &Track, transitions: &[usize], basis: &Basis) -> Sums {
 
 fn triangles(track: &Track, transitions: &[usize], basis: &Basis) -> Sums {
     let mut d = vec![0.0; basis.rest.len()];
-    let factors = basis.shape.factors(track, transitions, |w, terms| {
-        basis.motion(w, &mut d);
-        quadratic_terms(&d, &d, terms);
+    let factors = basis.shape.factors(track, transitions, |w, linear, height| {
+        linear.copy_from_slice(w);
+        if !height.is_empty() {
+            basis.motion(w, &mut d);
+            quadratic_terms(&d, &d, height);
+        }
     });
     Sums::Triangles {
         linear: Triangle::keep(&factors.linear),

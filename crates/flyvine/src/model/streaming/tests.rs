@@ -1,3 +1,4 @@
+use super::super::family::Model;
 use super::super::fit::fit_bank;
 use super::super::fit::tests::{EL, ES, flight as about_zero};
 use super::super::lag::LagModel;
@@ -11,6 +12,7 @@ fn plain() -> FitOptions {
         height_ridge: Ridge::Value(0.0),
         linear_ridge: Ridge::Value(0.0),
         command_velocity: VelocityInput::Off,
+        positions: Some(Positions::Absolute),
         refinement: Refinement::Off,
         ..FitOptions::default()
     }
