@@ -12,7 +12,9 @@ use flyvine::control::supervisor::Limits;
 use flyvine::control::{
     ControlLaw, Controller, End, FlightOutcome, Flying, LapLearning, Trajectory, controller, fly_plan_watched,
 };
-use flyvine::flight::{ControlStep, StepStatus, read_control_steps, read_flight, write_controlled_flight};
+use flyvine::flight::{
+    ControlStep, StepStatus, SurroundingsReport, read_control_steps, read_flight, write_controlled_flight,
+};
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
 use flyvine::link::{RecordedVehicle, Vehicle};
 use flyvine::run::read_vehicle_file;
@@ -315,6 +317,25 @@ fn say_steps(steps: &[ControlStep]) {
         last.delay_knots,
         last.delay_deviation_knots
     ));
+    say_surroundings(&last.surroundings);
+}
+
+/// Says what was found of wind and load at the end; nothing where neither was estimated.
+fn say_surroundings(found: &SurroundingsReport) {
+    let SurroundingsReport {
+        wind_m_s: [x, y],
+        wind_deviation_m_s: [x_deviation, y_deviation],
+        tip_load,
+        tip_load_deviation,
+        ..
+    } = found;
+    if *x_deviation + *y_deviation + *tip_load_deviation > 0.0 {
+        say(&format!(
+            "estimated: steady wind ({x:.1} ± {x_deviation:.1}, {y:.1} ± {y_deviation:.1}) m/s, tip heavier by {:.0} ± {:.0} %",
+            100.0 * tip_load,
+            100.0 * tip_load_deviation
+        ));
+    }
 }
 
 /// A length in metres as centimetres, to a tenth of a millimetre.

@@ -89,8 +89,15 @@ fn a_plans_first_command_is_no_deviation_from_it() {
         command: vec![1.0; 3],
         command_change: vec![1.0; 3],
     };
-    let linearized = LinearizedPlan::new(&trajectory, &model, &plan.reference, &weights, 5, &[]).unwrap();
-    let before = |knot: usize| linearized.window(knot, &model).unwrap().reference_before.to_vec();
+    let linearized =
+        LinearizedPlan::new(&trajectory, &model, &plan.reference, &weights, &[1.0], 5, &[]).unwrap();
+    let before = |knot: usize| {
+        linearized
+            .window(knot, &model, 0)
+            .unwrap()
+            .reference_before
+            .to_vec()
+    };
     // The plan begins with a step away from where the vehicle hovers, and the change of commands is counted from there.
     assert_eq!(before(0), trajectory.start().0);
     assert_eq!(before(1), trajectory.command(0));

@@ -137,7 +137,7 @@ pub fn mpc_report(sequence: &MpcSequence, cpu_ms: &dyn Fn() -> f64) -> Result<Mp
     };
     let (n, m, stages) = (stage.state, stage.command, sequence.stages);
     let jacobians = padded_jacobian(&sequence.model, &stage).repeat(stages);
-    let condensed = Condensed::new(&stage, &jacobians, &sequence.weights, None, &[])?;
+    let condensed = Condensed::new(&stage, &jacobians, &sequence.weights, &[1.0], None, &[])?;
     let mut horizon = Horizon::new(stage, stages, sequence.weights.clone(), sequence.limits.clone());
     let (no_command, no_disturbance) = (vec![0.0; m], vec![0.0; stage.fresh]);
 
@@ -158,6 +158,7 @@ pub fn mpc_report(sequence: &MpcSequence, cpu_ms: &dyn Fn() -> f64) -> Result<Mp
             dynamics: &sequence.model,
             knot: step,
             condensed: &condensed,
+            scale: 0,
             jacobians: &jacobians,
             state_reference: &sequence.state_reference[(step + 1) * n..][..stages * n],
             command_reference: &sequence.command_reference[step * m..][..stages * m],

@@ -174,6 +174,8 @@ impl<'a> Replanning<'a> {
             residual: solution.max_violation.max(solution.stationarity),
             delay_knots: self.estimator.delay_knots().0,
             delay_deviation_knots: self.estimator.delay_knots().1,
+            inconsistency: self.estimator.inconsistency(),
+            surroundings: self.estimator.surroundings(),
         });
         true
     }

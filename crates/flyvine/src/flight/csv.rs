@@ -138,23 +138,26 @@ pub(super) fn format_csv(file: &str, flight: &Flight, steps: &[ControlStep]) -> 
 
 /// The controller's steps in a flight's CSV file, of the rows that have one.
 pub(super) fn parse_steps(file: &str, bytes: &[u8]) -> Result<Vec<ControlStep>, FlightError> {
-    let not_a_step = |line: u64, error: ::csv::Error| {
-        FlightError::in_line(file, line, Problem::NotAMessage(error.to_string())).field("step_…")
+    let not_a_step = |line: u64, reason: String| {
+        FlightError::in_line(file, line, Problem::NotAMessage(reason)).field("step_…")
     };
     let mut reader = ::csv::Reader::from_reader(bytes);
-    let headers = reader.headers().map_err(|error| not_a_step(1, error))?.clone();
+    let headers = reader
+        .headers()
+        .map_err(|error| not_a_step(1, error.to_string()))?
+        .clone();
     let Some(column) = headers.iter().position(|name| name == STEP_COLUMNS[0]) else {
         return Ok(Vec::new());
     };
     let mut steps = Vec::new();
     for (row, record) in reader.records().enumerate() {
         let line = row as u64 + 2;
-        let record = record.map_err(|error| not_a_step(line, error))?;
+        let record = record.map_err(|error| not_a_step(line, error.to_string()))?;
         if record.get(column).is_some_and(|cell| !cell.is_empty()) {
             let step: StepRow = record
                 .deserialize(Some(&headers))
-                .map_err(|error| not_a_step(line, error))?;
-            steps.push(step.step(row));
+                .map_err(|error| not_a_step(line, error.to_string()))?;
+            steps.push(step.step(row).map_err(|reason| not_a_step(line, reason))?);
         }
     }
     Ok(steps)

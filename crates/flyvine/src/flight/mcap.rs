@@ -13,7 +13,7 @@ use super::control_step::{ControlStep, StepRow};
 use super::error::{FlightError, Problem};
 use super::messages::{
     COMMAND, COMMAND_VELOCITY, CONFIGURATION, CONTROLLER, ConfigurationMessage, ENCODING, END_EFFECTOR,
-    Message, PoseInFrame, QUADROTOR, StepMessage, TOPICS, Vector3, row_messages, schemas,
+    Message, PoseInFrame, QUADROTOR, TOPICS, Vector3, row_messages, schemas,
 };
 use super::{Configuration, Flight, Pose, Sample, plausible, quaternion};
 use ::mcap::records::MessageHeader;
@@ -106,15 +106,11 @@ pub(super) fn parse_steps(file: &str, bytes: &[u8]) -> Result<Vec<ControlStep>, 
         }
         let row = message.sequence as usize;
         let step = if is_json(&message) {
-            serde_json::from_slice(&message.data)
-                .map(|step: StepRow| step.step(row))
-                .map_err(|error| error.to_string())
+            serde_json::from_slice(&message.data).map_err(|error| error.to_string())
         } else {
-            StepMessage::decode(&*message.data)
-                .map_err(|error| error.to_string())
-                .and_then(|step| step.step(row).ok_or("unknown step_status".to_owned()))
+            StepRow::decode(&*message.data).map_err(|error| error.to_string())
         };
-        steps.push(step.map_err(|reason| {
+        steps.push(step.and_then(|step: StepRow| step.step(row)).map_err(|reason| {
             FlightError::in_file(file, Problem::NotAMessage(reason))
                 .field(&place(CONTROLLER.name, message.sequence))
         })?);

@@ -17,7 +17,7 @@ use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp};
 use serde::Deserialize;
 
-use super::control_step::{ControlStep, StepReport, StepStatus};
+use super::control_step::{ControlStep, STEP_COLUMNS, StepRow};
 use super::{Configuration, Sample};
 
 /// How messages and schemas are encoded, as MCAP files and Foxglove name it.
@@ -103,7 +103,7 @@ pub fn row_messages(sample: &Sample, step: Option<&ControlStep>, time_ns: u64) -
             .map(|[x, y, z]| Vector3 { x, y, z }.encode_to_vec()),
         sample.quadrotor.map(|seen| pose(seen.position, seen.attitude)),
         sample.end_effector.map(|position| pose(position, UPRIGHT)),
-        step.map(|step| StepMessage::new(step).encode_to_vec()),
+        step.map(|step| StepRow::new(step).encode_to_vec()),
     ];
     bodies
         .into_iter()
@@ -196,56 +196,6 @@ impl PoseInFrame {
     }
 }
 
-/// `flyvine.ControlStep`; names and meanings as in the CSV format.
-#[derive(Clone, PartialEq, prost::Message)]
-pub(super) struct StepMessage {
-    #[prost(double, required, tag = "1")]
-    step_ms: f64,
-    #[prost(string, tag = "2")]
-    step_status: String,
-    #[prost(uint64, tag = "3")]
-    step_changes: u64,
-    #[prost(uint64, tag = "4")]
-    step_active: u64,
-    #[prost(double, required, tag = "5")]
-    step_residual: f64,
-    #[prost(double, required, tag = "6")]
-    step_delay_knots: f64,
-    #[prost(double, required, tag = "7")]
-    step_delay_deviation_knots: f64,
-}
-
-impl StepMessage {
-    fn new(step: &ControlStep) -> Self {
-        let report = step.report;
-        Self {
-            step_ms: step.step_ms,
-            step_status: report.status.name().to_owned(),
-            step_changes: report.changes as u64,
-            step_active: report.active as u64,
-            step_residual: report.residual,
-            step_delay_knots: report.delay_knots,
-            step_delay_deviation_knots: report.delay_deviation_knots,
-        }
-    }
-
-    /// The step, of the row that the message belongs to; `None` for a status that does not exist.
-    pub(super) fn step(&self, row: usize) -> Option<ControlStep> {
-        Some(ControlStep {
-            row,
-            step_ms: self.step_ms,
-            report: StepReport {
-                status: StepStatus::from_name(&self.step_status)?,
-                changes: self.step_changes as usize,
-                active: self.step_active as usize,
-                residual: self.step_residual,
-                delay_knots: self.step_delay_knots,
-                delay_deviation_knots: self.step_delay_deviation_knots,
-            },
-        })
-    }
-}
-
 /// The schemas of all messages: a serialized `FileDescriptorSet`, the same for every topic.
 pub fn schemas() -> Vec<u8> {
     let number = |name| (name, Type::Double, None);
@@ -264,15 +214,11 @@ pub fn schemas() -> Vec<u8> {
         ("frame_id", Type::String, None),
         part("pose", ".foxglove.Pose"),
     ];
-    let step = [
-        number("step_ms"),
-        ("step_status", Type::String, None),
-        ("step_changes", Type::Uint64, None),
-        ("step_active", Type::Uint64, None),
-        number("step_residual"),
-        number("step_delay_knots"),
-        number("step_delay_deviation_knots"),
-    ];
+    let step = STEP_COLUMNS.map(|name| match name {
+        "step_status" => (name, Type::String, None),
+        "step_changes" | "step_active" => (name, Type::Uint64, None),
+        _ => number(name),
+    });
     let timestamp_file = "google/protobuf/timestamp.proto";
     FileDescriptorSet {
         file: vec![

@@ -22,7 +22,7 @@ pub(crate) mod shared_data;
 mod table;
 
 pub use self::continuity::CLOCK_TOLERANCE_S;
-pub use self::control_step::{ControlStep, StepReport, StepStatus};
+pub use self::control_step::{ControlStep, StepReport, StepStatus, SurroundingsReport};
 pub use self::corner::Corner;
 pub use self::csv::{COLUMNS, COMMAND_COLUMNS, VELOCITY_COLUMNS, columns_of, parse_csv};
 pub use self::error::{FlightError, Place, Problem};

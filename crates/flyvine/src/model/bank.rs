@@ -173,10 +173,10 @@ impl Bank {
     /// The same bank with noise levels for estimators on its models.
     ///
     /// # Errors
-    /// A level that is not a positive number.
+    /// A level that is out of its range.
     pub fn with_noise(mut self, noise: Option<NoiseLevels>) -> Result<Self, ModelError> {
-        if let Some((name, found)) = noise.as_ref().and_then(NoiseLevels::invalid) {
-            return Err(ModelError::Noise { name, found });
+        if let Some(levels) = &noise {
+            levels.validate()?;
         }
         self.noise = noise;
         Ok(self)

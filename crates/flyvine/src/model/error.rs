@@ -1,5 +1,6 @@
 //! Why a model cannot be built, read or evaluated.
 
+use super::noise::NoiseLevelError;
 use crate::flight::Configuration;
 use std::path::PathBuf;
 
@@ -9,14 +10,9 @@ pub enum ModelError {
     /// The physical family cannot use its input.
     #[error(transparent)]
     Physical(#[from] super::physical::PhysicalError),
-    /// A noise level that is not positive, or not a number.
-    #[error("noise level {name}: found {found}, expected a positive number")]
-    Noise {
-        /// Which.
-        name: &'static str,
-        /// Its value.
-        found: f64,
-    },
+    /// A noise level that is out of its range.
+    #[error(transparent)]
+    Noise(#[from] NoiseLevelError),
     /// A limit of the supported region that is negative, or not a number.
     #[error("supported region, {name}: found {found}, expected a number of at least 0")]
     Support {

@@ -70,7 +70,7 @@ pub use findings::Finding;
 pub use fit::{FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use learning::{Learner, Lesson, WeightTrial};
-pub use noise::{BodyNoise, NoiseLevels, SurroundingsNoise};
+pub use noise::{BodyNoise, NoiseLevelError, NoiseLevels, SurroundingsNoise};
 pub use options::{FitOptions, Positions, Refinement, Ridge, Structure, VelocityInput};
 pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 pub use rollout::RolloutError;

@@ -141,37 +141,59 @@ impl NoiseLevels {
     /// Their product where a model foresees well: what is typical.
     const TRUSTED_SHARES: f64 = Self::PHYSICAL.process.quadrotor_m * Self::PHYSICAL.process.end_effector_m;
 
-    /// The first level that is not a positive number, and its value.
-    pub(crate) fn invalid(&self) -> Option<(&'static str, f64)> {
+    /// Refuses a level that is out of its range.
+    pub(crate) fn validate(&self) -> Result<(), NoiseLevelError> {
         let bodies = [
             ("measured", self.measured),
             ("process", self.process),
             ("disturbance", self.disturbance),
             ("gust", self.gust),
         ];
-        bodies
+        let positive = bodies
             .into_iter()
             .flat_map(|(name, body)| body.entries().map(|level| (name, level)))
             .chain([
                 ("gust_s", self.gust_s),
                 ("delay", self.delay),
                 ("delay_initial", self.delay_initial),
-            ])
-            // Not `<=`: NaN must be found.
-            .find(|(_, level)| !(*level > 0.0 && level.is_finite()))
-            .or_else(|| {
-                let SurroundingsNoise {
-                    wind_m_s,
-                    gust_m_s,
-                    tip_load,
-                } = self.surroundings;
-                [
-                    ("surroundings.wind_m_s", wind_m_s),
-                    ("surroundings.gust_m_s", gust_m_s),
-                    ("surroundings.tip_load", tip_load),
-                ]
-                .into_iter()
-                .find(|(_, level)| !(*level >= 0.0 && level.is_finite()))
-            })
+            ]);
+        let SurroundingsNoise {
+            wind_m_s,
+            gust_m_s,
+            tip_load,
+        } = self.surroundings;
+        let not_negative = [
+            ("surroundings.wind_m_s", wind_m_s),
+            ("surroundings.gust_m_s", gust_m_s),
+            ("surroundings.tip_load", tip_load),
+        ];
+        // Not `<=` and `<`: NaN must be found.
+        let bad_positive = positive
+            .filter(|(_, level)| !(*level > 0.0 && level.is_finite()))
+            .map(|level| (level, "a positive number"));
+        let bad_not_negative = not_negative
+            .into_iter()
+            .filter(|(_, level)| !(*level >= 0.0 && level.is_finite()))
+            .map(|level| (level, "a number ≥ 0"));
+        match bad_positive.chain(bad_not_negative).next() {
+            None => Ok(()),
+            Some(((name, found), expected)) => Err(NoiseLevelError {
+                name,
+                found,
+                expected,
+            }),
+        }
     }
+}
+
+/// A noise level that is out of its range, or not a number.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error("noise level {name}: found {found}, expected {expected}")]
+pub struct NoiseLevelError {
+    /// Which.
+    pub name: &'static str,
+    /// Its value.
+    pub found: f64,
+    /// What would be accepted.
+    pub expected: &'static str,
 }

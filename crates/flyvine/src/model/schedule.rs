@@ -107,8 +107,8 @@ impl ScheduledModel {
         }
     }
 
-    /// [`Dynamics::linearize`] there, with the Jacobian by the surroundings
-    /// (`fresh_len` × [`SURROUNDINGS_LEN`](super::physical::SURROUNDINGS_LEN)).
+    /// [`Dynamics::linearize`] there, and the Jacobian by the surroundings
+    /// (`fresh_len` × [`SURROUNDINGS_LEN`](super::physical::SURROUNDINGS_LEN)) for those who want it.
     #[allow(clippy::too_many_arguments)] // those of `linearize`, and two
     pub fn linearize_in(
         &self,
@@ -118,11 +118,13 @@ impl ScheduledModel {
         command: &[f64],
         fresh: &mut [f64],
         jacobian: &mut [f64],
-        by_surroundings: &mut [f64],
+        by_surroundings: Option<&mut [f64]>,
     ) {
         match self.at_knot(knot) {
             Model::Lag(model) => {
-                by_surroundings.fill(0.0);
+                if let Some(entries) = by_surroundings {
+                    entries.fill(0.0);
+                }
                 model.linearize(knot, state, command, fresh, jacobian);
             }
             Model::Physical(model) => {

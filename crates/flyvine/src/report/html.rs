@@ -69,6 +69,7 @@ fn sections(results: &Results, experiments: &[&Experiment], palette: &Palette) -
     page += &section("models", "Models", &models);
     if !experiments.is_empty() {
         page += &section("plans", "Plans", &tables::plans(experiments));
+        page += &section("estimates", "Found in flight", &tables::estimates(experiments));
     }
     if !results.findings.is_empty() {
         page += &section("recordings", "Recordings", &tables::findings(&results.findings));

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::score::{DistanceStatistics, Score, SwingTarget};
 use crate::flight::Corner;
-use crate::flight::{Configuration, Flight};
+use crate::flight::{Configuration, Flight, StepReport};
 
 /// Everything that one report shows. Lists may be empty: what is absent is left out of the page.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -122,6 +122,8 @@ pub struct Experiment {
     pub remark: Option<String>,
     /// How the plan was found.
     pub solver: SolverSummary,
+    /// The last report of the controller, where it makes reports.
+    pub last_step: Option<StepReport>,
 }
 
 /// What an error is measured against.

@@ -168,6 +168,42 @@ pub fn plans(experiments: &[&Experiment]) -> String {
     )
 }
 
+/// What the controllers' estimators had found at the end of each flight; nothing where none reported.
+pub fn estimates(experiments: &[&Experiment]) -> String {
+    let rows: String = experiments
+        .iter()
+        .filter_map(|e| Some((e, e.last_step?)))
+        .map(|(e, step)| {
+            let around = step.surroundings;
+            let [x, y] = [0, 1].map(|i| with_deviation(around.wind_m_s[i], around.wind_deviation_m_s[i]));
+            format!(
+                "<tr><th scope=\"row\">{}</th><td>{x}</td><td>{y}</td><td>{}</td><td>{}</td></tr>\n",
+                escape(&e.title()),
+                with_deviation(100.0 * around.tip_load, 100.0 * around.tip_load_deviation),
+                with_deviation(step.delay_knots, step.delay_deviation_knots),
+            )
+        })
+        .collect();
+    if rows.is_empty() {
+        return rows;
+    }
+    format!(
+        "<div class=\"card scroll\"><table>\n<caption>What the controller's estimator had found at the end, ± one standard \
+         deviation.</caption>\n<thead><tr><th scope=\"col\">Flight</th><th scope=\"col\">steady wind<br>x (m/s)</th>\
+         <th scope=\"col\"><br>y (m/s)</th><th scope=\"col\">tip heavier<br>by (%)</th>\
+         <th scope=\"col\">commands later than<br>modelled (knots)</th></tr></thead>\n<tbody>\n{rows}</tbody></table></div>\n"
+    )
+}
+
+/// An estimate; nothing for what was not estimated.
+fn with_deviation(value: f64, deviation: f64) -> String {
+    if deviation > 0.0 {
+        format!("{value:.2} ± {deviation:.2}")
+    } else {
+        NOTHING.to_owned()
+    }
+}
+
 /// What hygiene found, folded away when it is long.
 pub fn findings(findings: &[Finding]) -> String {
     let items: String = findings

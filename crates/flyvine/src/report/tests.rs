@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::DT;
-use crate::flight::{Configuration, Flight, Pose, Sample};
+use crate::flight::{Configuration, Flight, Pose, Sample, StepReport, StepStatus, SurroundingsReport};
 
 const SHORT: Configuration = Configuration {
     length_m: 0.7,
@@ -67,6 +67,7 @@ fn experiment(kind: ExperimentKind, label: &str, period_s: Option<f64>, rows: us
             cost: 3.5,
             max_violation: 1e-8,
         },
+        last_step: None,
     }
 }
 
@@ -194,6 +195,35 @@ fn short_swings_are_drawn_lower_so_that_the_targets_coincide() {
         figures[2].caption.contains("ES by 0.25 m, IS by 0.25 m"),
         "{}",
         figures[2].caption
+    );
+}
+
+#[test]
+fn what_a_controller_found_in_flight_is_shown_and_nothing_of_others() {
+    let mut results = results();
+    assert!(!html(&results).unwrap().contains("Found in flight"));
+    results.experiments[0].last_step = Some(StepReport {
+        status: StepStatus::Optimal,
+        changes: 0,
+        active: 0,
+        residual: 0.0,
+        delay_knots: 0.25,
+        delay_deviation_knots: 0.125,
+        inconsistency: 1.0,
+        surroundings: SurroundingsReport {
+            wind_m_s: [1.5, -0.5],
+            wind_deviation_m_s: [0.25, 0.5],
+            tip_load: 0.375,
+            ..SurroundingsReport::default()
+        },
+    });
+    let page = html(&results).unwrap();
+    for shown in ["1.50 ± 0.25", "-0.50 ± 0.50", "0.25 ± 0.12"] {
+        assert!(page.contains(shown), "{shown}");
+    }
+    assert!(
+        !page.contains("37.50"),
+        "a load without a deviation was not estimated"
     );
 }
 

@@ -7,7 +7,8 @@ use serde::de::DeserializeOwned;
 use super::{RunError, score_flight, swing_target};
 use crate::file::write_whole;
 use crate::flight::{
-    Configuration, Corner, Flight, HygieneOptions, HygieneReport, Sample, clean, read_flight, write_flight,
+    Configuration, Corner, Flight, HygieneOptions, HygieneReport, Sample, clean, read_control_steps,
+    read_flight, write_flight,
 };
 use crate::model::{Bank, CheckReport, RolloutError};
 use crate::report::{
@@ -152,7 +153,11 @@ pub fn read_experiment(
     let mut flight = read_flight(&path)?;
     found(&path, &clean(&mut flight, &HygieneOptions::default()));
     let arm: Option<ArmShapes> = read_json(&folder.join("arm.json"))?;
-    plan_experiment(&plan, flight, arm.unwrap_or_default())
+    let steps = read_control_steps(&path)?;
+    Ok(Experiment {
+        last_step: steps.last().map(|step| step.report),
+        ..plan_experiment(&plan, flight, arm.unwrap_or_default())?
+    })
 }
 
 /// A flight of a plan, with the arm's shape in each row where it is known. A flight without rows is one that was not
@@ -205,6 +210,7 @@ pub fn plan_experiment(plan: &Plan, mut flight: Flight, mut arm: ArmShapes) -> R
             cost: plan.solve.cost,
             max_violation: plan.solve.max_violation,
         },
+        last_step: None,
     })
 }
 
@@ -237,6 +243,7 @@ pub fn flight_experiment(name: &str, flight: Flight) -> Experiment {
             cost: 0.0,
             max_violation: 0.0,
         },
+        last_step: None,
     }
 }
 

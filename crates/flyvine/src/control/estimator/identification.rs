@@ -15,6 +15,7 @@
 //! model too much is slow to find out better, and under feedback has been seen to shake the vehicle out of the room; one
 //! that trusts it too little is only a little noisier.
 
+use super::innovations::GATE;
 use super::{Estimator, EstimatorError};
 use crate::flight::{Configuration, Flight, Sample};
 use crate::link::Observation;
@@ -255,7 +256,7 @@ impl Recorded<'_> {
             let surprise = estimator.surprise();
             sum.log -= 0.5 * (surprise.squares + surprise.log_variances);
             // Entries refused are as surprising as the gate allows.
-            sum.log -= 0.5 * super::GATE.powi(2) * f64::from(surprise.refused);
+            sum.log -= 0.5 * GATE.powi(2) * f64::from(surprise.refused);
             sum.squares += surprise.squares;
             sum.entries += f64::from(surprise.entries);
             sum.rows += usize::from(surprise.entries > 0);

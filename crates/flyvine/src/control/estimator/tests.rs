@@ -1,8 +1,9 @@
+use super::innovations::REFUSALS_MAX;
 use super::layout::NOT_ESTIMATED;
 use super::*;
-use crate::flight::Configuration;
+use crate::flight::{Configuration, Pose};
 use crate::model::physical::offset;
-use crate::model::physical::{ArmLength, Parameters, PhysicalModel};
+use crate::model::physical::{ArmLength, Parameters, PhysicalModel, Surroundings};
 use crate::model::{Bank, BankModel, BankProvenance, ModelDiagnostics};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
@@ -97,8 +98,11 @@ fn watch<'a>(
             }),
             end_effector: Some([noisy(6), noisy(7), noisy(8)]),
         };
-        estimator.predict(knot, sent);
-        estimator.correct(&tamper(knot, observation));
+        estimator.update(&Tick {
+            knot: knot + 1,
+            observation: tamper(knot, observation),
+            held_command: sent,
+        });
         watched.refused += estimator.surprise().refused;
         if knot >= KNOTS / 2 {
             let error = (6..9)
@@ -150,22 +154,38 @@ fn wind_and_load_are_found_and_their_uncertainty_is_honest() {
     };
     let (estimator, watched) = watch(&model, &NoiseLevels::PHYSICAL, world, |_, seen| seen);
     let prior = NoiseLevels::PHYSICAL.surroundings;
-    let (wind, deviations) = estimator.wind_m_s();
+    let found = estimator.surroundings();
+    let (wind, deviations) = (found.wind_m_s, found.wind_deviation_m_s);
     for axis in 0..2 {
         let error = (wind[axis] - around.wind_m_s[axis]).abs();
         let bound = (3.0 * deviations[axis]).min(0.3);
         assert!(error < bound, "{wind:?} ± {deviations:?} m/s");
         assert!(deviations[axis] < 0.7 * prior.wind_m_s, "± {deviations:?} m/s");
     }
-    // Winds are horizontal.
-    assert_eq!((wind[2], deviations[2]), (0.0, 0.0));
-    let (load, deviation) = estimator.tip_load();
+    let (load, deviation) = (found.tip_load, found.tip_load_deviation);
     assert!(
         (load - around.tip_load).abs() < 3.0 * deviation,
         "{load} ± {deviation}"
     );
     assert!(deviation < prior.tip_load, "± {deviation}");
     assert!(watched.error < 5e-3, "tip off by {} m", watched.error);
+}
+
+#[test]
+fn a_model_of_another_vehicle_is_noticed() {
+    let model = model();
+    let (own, _) = watch(&model, &NoiseLevels::PHYSICAL, World::calm(), |_, seen| seen);
+    assert!(own.inconsistency() < 2.0, "{}", own.inconsistency());
+    let (other, _) = watch(&model, &NoiseLevels::PHYSICAL, World::calm(), |_, mut seen| {
+        // A tip that swings twice as far.
+        if let (Some(quadrotor), Some(tip)) = (seen.quadrotor, &mut seen.end_effector) {
+            for axis in 0..2 {
+                tip[axis] += tip[axis] - quadrotor.position[axis];
+            }
+        }
+        seen
+    });
+    assert!(other.inconsistency() > 20.0, "{}", other.inconsistency());
 }
 
 #[test]
@@ -218,5 +238,8 @@ fn what_cannot_be_estimated_is_named() {
     assert!(refused(&NoiseLevels::PHYSICAL, &start[1..]).contains("42 entries; expected the model's 43"));
     let mut noise = NoiseLevels::PHYSICAL;
     noise.process.attitude = f64::NAN;
-    assert!(refused(&noise, &start).contains("process: found NaN"));
+    assert!(refused(&noise, &start).contains("process: found NaN, expected a positive number"));
+    let mut noise = NoiseLevels::PHYSICAL;
+    noise.surroundings.tip_load = -0.1;
+    assert!(refused(&noise, &start).contains("surroundings.tip_load: found -0.1, expected a number ≥ 0"));
 }

@@ -83,31 +83,42 @@ pub enum CondensedError {
     },
 }
 
-/// H and H⁻¹ of a horizon of N stages, and the sensitivities of the softly bounded states.
+/// A horizon of N stages: its Hessians, and the sensitivities of the softly bounded states.
 ///
-/// With `δz_j = G_j v`: `H = 2 (Σ G_jᵀ Q G_j + G_Nᵀ P G_N + R + Dᵀ S D)`, D taking differences of commands.
+/// With `δz_j = G_j v`: `H = 2 (Σ G_jᵀ Q G_j + G_Nᵀ P G_N + σ (R + Dᵀ S D))`, D taking differences of commands. The scale σ
+/// of the weights on commands can be chosen anew at every step from those that were condensed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Condensed {
     /// N.
     pub stages: usize,
-    /// H (N m rows, padded).
-    pub hessian: Vec<f64>,
-    /// H⁻¹, likewise.
-    pub inverse: Vec<f64>,
+    /// H for each scale of the weights on commands.
+    pub hessians: Vec<Hessian>,
     /// ∂z_j\[i\]/∂v for j = 1 … N and every bounded entry i (rows padded).
     pub soft: Vec<f64>,
 }
 
+/// H of a horizon for one scale of the weights on commands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hessian {
+    /// σ.
+    pub command_scale: f64,
+    /// H (N m rows, padded).
+    pub matrix: Vec<f64>,
+    /// H⁻¹, likewise.
+    pub inverse: Vec<f64>,
+}
+
 impl Condensed {
-    /// Condenses the stages whose Jacobians are `jacobians`, one after the other. `terminal` is P (n × n);
-    /// `bounded` lists the softly bounded entries of the state.
+    /// Condenses the stages whose Jacobians are `jacobians`, one after the other, for each of `command_scales`. `terminal`
+    /// is P (n × n); `bounded` lists the softly bounded entries of the state.
     ///
     /// # Errors
-    /// The Hessian is not positive definite; the error counts knots from 0.
+    /// A Hessian is not positive definite; the error counts knots from 0.
     pub fn new(
         stage: &Stage,
         jacobians: &[f64],
         weights: &TrackingWeights,
+        command_scales: &[f64],
         terminal: Option<&DMatrix<f64>>,
         bounded: &[usize],
     ) -> Result<Self, CondensedError> {
@@ -138,27 +149,43 @@ impl Condensed {
         if let Some(terminal) = terminal {
             hessian += sensitivity.transpose() * terminal * &sensitivity;
         }
-        for i in 0..variables {
-            let (command, change) = (weights.command[i % m], weights.command_change[i % m]);
-            let followed = i + m < variables;
-            hessian[(i, i)] += command + if followed { 2.0 * change } else { change };
-            if followed {
-                hessian[(i, i + m)] -= change;
-                hessian[(i + m, i)] -= change;
-            }
-        }
-        let hessian = &hessian + hessian.transpose(); // the factor 2, exactly symmetric
-        let inverse = hessian
-            .clone()
-            .cholesky()
-            .map(|factor| factor.inverse())
-            .filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))
+        let hessians = command_scales
+            .iter()
+            .map(|&scale| Hessian::new(hessian.clone(), weights, scale))
+            .collect::<Option<_>>()
             .ok_or(CondensedError::NotPositiveDefinite { knot: 0, stages })?;
         Ok(Self {
             stages,
-            hessian: padded_rows(&hessian),
-            inverse: padded_rows(&inverse),
+            hessians,
             soft,
+        })
+    }
+}
+
+impl Hessian {
+    /// From half of what the states cost and the weights on commands; none if it is not positive definite.
+    fn new(mut half: DMatrix<f64>, weights: &TrackingWeights, command_scale: f64) -> Option<Self> {
+        let (m, variables) = (weights.command.len(), half.nrows());
+        for i in 0..variables {
+            let command = command_scale * weights.command[i % m];
+            let change = command_scale * weights.command_change[i % m];
+            let followed = i + m < variables;
+            half[(i, i)] += command + if followed { 2.0 * change } else { change };
+            if followed {
+                half[(i, i + m)] -= change;
+                half[(i + m, i)] -= change;
+            }
+        }
+        let matrix = &half + half.transpose(); // the factor 2, exactly symmetric
+        let inverse = matrix
+            .clone()
+            .cholesky()
+            .map(|factor| factor.inverse())
+            .filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))?;
+        Some(Self {
+            command_scale,
+            matrix: padded_rows(&matrix),
+            inverse: padded_rows(&inverse),
         })
     }
 }

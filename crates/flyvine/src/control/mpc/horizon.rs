@@ -51,6 +51,8 @@ pub struct Window<'a> {
     pub knot: usize,
     /// Its condensed cost.
     pub condensed: &'a Condensed,
+    /// Which of its scales of the weights on commands is meant.
+    pub scale: usize,
     /// Jacobians along the plan (N × [`Stage::jacobian_len`]).
     pub jacobians: &'a [f64],
     /// z̄ at stages 1 … N (N × n).
@@ -157,9 +159,10 @@ impl Horizon {
         self.differentiate(window, start);
         self.write_bounds(window, start);
         let condensed = window.condensed;
+        let hessian = &condensed.hessians[window.scale];
         let program = QuadraticProgram {
-            hessian: &condensed.hessian,
-            inverse: &condensed.inverse,
+            hessian: &hessian.matrix,
+            inverse: &hessian.inverse,
             gradient: &self.gradient,
             rows: Rows {
                 variables: self.commands.len(),
@@ -258,6 +261,7 @@ impl Horizon {
             fresh,
         } = self.stage;
         let stages = self.stages;
+        let scale = window.condensed.hessians[window.scale].command_scale;
         self.gradient.clear();
         self.gradient.resize(kernel::padded(stages * m), 0.0);
         self.adjoint.fill(0.0);
@@ -286,7 +290,7 @@ impl Horizon {
                 let deviation = self.commands[j * m + axis] - window.command_reference[j * m + axis];
                 let slope = self.adjoint_before[n + axis];
                 self.gradient[j * m + axis] +=
-                    (1.0 - start.delay) * slope + 2.0 * self.weights.command[axis] * deviation;
+                    (1.0 - start.delay) * slope + 2.0 * scale * self.weights.command[axis] * deviation;
                 if j > 0 {
                     self.gradient[(j - 1) * m + axis] += start.delay * slope;
                 }
@@ -298,7 +302,7 @@ impl Horizon {
             let mut before = start.held_command[axis] - window.reference_before[axis];
             for j in 0..stages {
                 let deviation = self.commands[j * m + axis] - window.command_reference[j * m + axis];
-                let slope = 2.0 * self.weights.command_change[axis] * (deviation - before);
+                let slope = 2.0 * scale * self.weights.command_change[axis] * (deviation - before);
                 self.gradient[j * m + axis] += slope;
                 if j > 0 {
                     self.gradient[(j - 1) * m + axis] -= slope;

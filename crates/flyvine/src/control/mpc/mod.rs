@@ -19,13 +19,15 @@ mod active_set;
 mod condensed;
 mod controller;
 mod horizon;
+mod options;
 mod plan;
 mod regulator;
 
 pub use active_set::{ActiveSet, Budget, QpReport, QuadraticProgram, Rows};
-pub use condensed::{Condensed, CondensedError, Stage, TrackingWeights};
-pub use controller::{ModelPredictive, MpcError, MpcOptions};
+pub use condensed::{Condensed, CondensedError, Hessian, Stage, TrackingWeights};
+pub use controller::ModelPredictive;
 pub use horizon::{Horizon, HorizonLimits, SoftBound, Start, Window};
+pub use options::{MpcError, MpcOptions};
 pub use plan::{LinearizedPlan, jacobians_along};
 pub use regulator::{Regulator, regulate};
 

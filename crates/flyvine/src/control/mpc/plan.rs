@@ -26,16 +26,17 @@ pub struct LinearizedPlan {
 
 impl LinearizedPlan {
     /// Linearizes `trajectory`, planned on `model`, for horizons of up to `stages` stages; those near its end are
-    /// shorter. `end_effector` (N) is where the tip shall be, m; `bounded` lists the softly bounded entries of the
-    /// state.
+    /// shorter. `end_effector` (N) is where the tip shall be, m; `command_scales` are those of the weights on commands
+    /// that a window can have; `bounded` lists the softly bounded entries of the state.
     ///
     /// # Errors
-    /// The Hessian of a horizon is not positive definite.
+    /// A Hessian of a horizon is not positive definite.
     pub fn new(
         trajectory: &Trajectory,
         model: &ScheduledModel,
         end_effector: &[[f64; 3]],
         weights: &TrackingWeights,
+        command_scales: &[f64],
         stages: usize,
         bounded: &[usize],
     ) -> Result<Self, CondensedError> {
@@ -57,6 +58,7 @@ impl LinearizedPlan {
                     &stage,
                     &jacobians[knot * len..end * len],
                     weights,
+                    command_scales,
                     Some(&cost_to_go[end]),
                     bounded,
                 )
@@ -83,8 +85,15 @@ impl LinearizedPlan {
         self.stage
     }
 
-    /// The horizon from `knot` on, to be predicted by `dynamics`; none at the plan's end.
-    pub fn window<'w>(&'w self, knot: usize, dynamics: &'w dyn Dynamics) -> Option<Window<'w>> {
+    /// The plan's command at `knot`, before the plan's last.
+    pub fn command(&self, knot: usize) -> &[f64] {
+        let m = self.stage.command;
+        &self.commands[(knot + 1) * m..][..m]
+    }
+
+    /// The horizon from `knot` on, to be predicted by `dynamics`, with the weights on commands at number `scale` of the
+    /// scales; none at the plan's end.
+    pub fn window<'w>(&'w self, knot: usize, dynamics: &'w dyn Dynamics, scale: usize) -> Option<Window<'w>> {
         let condensed = self.condensed.get(knot)?;
         let (n, m, stages) = (self.stage.state, self.stage.command, condensed.stages);
         let len = self.stage.jacobian_len();
@@ -92,6 +101,7 @@ impl LinearizedPlan {
             dynamics,
             knot,
             condensed,
+            scale,
             jacobians: &self.jacobians[knot * len..][..stages * len],
             state_reference: &self.state_reference[(knot + 1) * n..][..stages * n],
             command_reference: &self.commands[(knot + 1) * m..][..stages * m],

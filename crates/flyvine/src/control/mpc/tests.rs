@@ -5,6 +5,9 @@ use crate::trajopt::Dynamics;
 use nalgebra::DMatrix;
 
 const STAGES: usize = 8;
+/// Scales of the weights on commands: one beside the one that is used.
+const SCALES: [f64; 2] = [2.0, 0.5];
+const USED: usize = 1;
 
 /// A small horizon on the physical model, away from rest.
 struct Case {
@@ -112,7 +115,7 @@ impl Case {
         cost += (last.transpose() * &self.terminal * &last)[0];
         for i in 0..commands.len() {
             let before = i.checked_sub(3).map_or(0.0, |before| commands[before]);
-            cost += 0.3 * commands[i].powi(2) + 0.7 * (commands[i] - before).powi(2);
+            cost += SCALES[USED] * (0.3 * commands[i].powi(2) + 0.7 * (commands[i] - before).powi(2));
         }
         cost
     }
@@ -141,6 +144,7 @@ fn one_step_is_a_newton_step(case: Case) {
         &case.stage,
         &case.jacobians,
         &case.weights,
+        &SCALES,
         Some(&case.terminal),
         &[],
     )
@@ -151,6 +155,7 @@ fn one_step_is_a_newton_step(case: Case) {
         dynamics: &case.model,
         knot: 0,
         condensed: &condensed,
+        scale: USED,
         jacobians: &case.jacobians,
         state_reference: &zeros,
         command_reference: &zeros[..3 * STAGES],
@@ -187,7 +192,7 @@ fn one_step_is_a_newton_step(case: Case) {
         };
         let slope = (cost(1e-5) - cost(-1e-5)) / 2e-5;
         let product: f64 = (0..3 * STAGES)
-            .map(|j| condensed.hessian[i * stride + j] * step[j])
+            .map(|j| condensed.hessians[USED].matrix[i * stride + j] * step[j])
             .sum();
         assert!(
             (product + slope).abs() < 1e-5 * (1.0 + slope.abs()),
@@ -204,6 +209,7 @@ fn the_condensed_hessian_is_that_of_the_linearized_cost() {
         &case.stage,
         &case.jacobians,
         &case.weights,
+        &SCALES,
         Some(&case.terminal),
         &[8],
     )
@@ -232,12 +238,12 @@ fn the_condensed_hessian_is_that_of_the_linearized_cost() {
     cost += (change.transpose() * &case.terminal * &change)[0];
     for i in 0..v.len() {
         let before = i.checked_sub(3).map_or(0.0, |before| v[before]);
-        cost += 0.3 * v[i].powi(2) + 0.7 * (v[i] - before).powi(2);
+        cost += SCALES[USED] * (0.3 * v[i].powi(2) + 0.7 * (v[i] - before).powi(2));
     }
     let mut quadratic = 0.0;
     for i in 0..v.len() {
         for j in 0..v.len() {
-            quadratic += 0.5 * v[i] * condensed.hessian[i * stride + j] * v[j];
+            quadratic += 0.5 * v[i] * condensed.hessians[USED].matrix[i * stride + j] * v[j];
         }
     }
     assert!(
@@ -254,7 +260,7 @@ fn a_horizon_without_command_weight_is_refused() {
         command: vec![0.0; 3],
         command_change: vec![0.0; 3],
     };
-    let refused = Condensed::new(&case.stage, &case.jacobians, &case.weights, None, &[]);
+    let refused = Condensed::new(&case.stage, &case.jacobians, &case.weights, &SCALES, None, &[]);
     assert!(matches!(
         refused,
         Err(CondensedError::NotPositiveDefinite { stages: STAGES, .. })
@@ -264,7 +270,7 @@ fn a_horizon_without_command_weight_is_refused() {
 #[test]
 fn hard_limits_hold_whatever_the_budget() {
     let case = Case::new(0.0);
-    let condensed = Condensed::new(&case.stage, &case.jacobians, &case.weights, None, &[8]).unwrap();
+    let condensed = Condensed::new(&case.stage, &case.jacobians, &case.weights, &SCALES, None, &[8]).unwrap();
     let limits = HorizonLimits {
         command_change: Some(vec![0.07; 3]),
         states: vec![SoftBound {
@@ -285,6 +291,7 @@ fn hard_limits_hold_whatever_the_budget() {
             dynamics: &case.model,
             knot: 0,
             condensed: &condensed,
+            scale: USED,
             jacobians: &case.jacobians,
             state_reference: &zeros,
             command_reference: &zeros[..3 * STAGES],

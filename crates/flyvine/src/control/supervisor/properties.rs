@@ -2,7 +2,11 @@
 
 use proptest::prelude::*;
 
+use super::pose_watch::distance;
 use super::*;
+use crate::DT;
+use crate::flight::{Configuration, Pose};
+use crate::link::{Captured, Health, Observation};
 
 const ARM: Configuration = Configuration {
     length_m: 0.7,

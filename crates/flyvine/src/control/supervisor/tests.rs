@@ -1,6 +1,9 @@
 //! Each rule of flight by itself.
 
 use super::*;
+use crate::DT;
+use crate::flight::{Configuration, Pose};
+use crate::link::{Captured, Fault, Health, Observation};
 
 const ARM: Configuration = Configuration {
     length_m: 0.7,

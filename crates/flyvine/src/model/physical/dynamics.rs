@@ -27,8 +27,27 @@ impl PhysicalModel {
         step_in(&self.parameters, self.arm, around, &state, &command).write_flat(fresh);
     }
 
-    /// [`Dynamics::linearize`] there, with the Jacobian by the surroundings ([`STATE_LEN`] × [`SURROUNDINGS_LEN`]).
+    /// [`Dynamics::linearize`] there, and the Jacobian by the surroundings ([`STATE_LEN`] × [`SURROUNDINGS_LEN`]) for
+    /// those who want it.
     pub fn linearize_in(
+        &self,
+        around: &Surroundings,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        jacobian: &mut [f64],
+        by_surroundings: Option<&mut [f64]>,
+    ) {
+        match by_surroundings {
+            None => self.linearize_by::<VARIABLES>(around, state, command, fresh, jacobian, &mut []),
+            Some(others) => {
+                self.linearize_by::<ALL_VARIABLES>(around, state, command, fresh, jacobian, others);
+            }
+        }
+    }
+
+    /// The Jacobian by the first V of state, command and surroundings: `jacobian`, and what of it is by surroundings.
+    fn linearize_by<const V: usize>(
         &self,
         around: &Surroundings,
         state: &[f64],
@@ -37,11 +56,11 @@ impl PhysicalModel {
         jacobian: &mut [f64],
         by_surroundings: &mut [f64],
     ) {
-        let next = self.next::<ALL_VARIABLES>(around, state, command);
-        for (i, entry) in next.iter().enumerate() {
+        let others_len = V - VARIABLES;
+        for (i, entry) in self.next::<V>(around, state, command).iter().enumerate() {
             let (own, others) = entry.gradient.split_at(VARIABLES);
             jacobian[i * VARIABLES..][..VARIABLES].copy_from_slice(own);
-            by_surroundings[i * SURROUNDINGS_LEN..][..SURROUNDINGS_LEN].copy_from_slice(others);
+            by_surroundings[i * others_len..][..others_len].copy_from_slice(others);
             fresh[i] = entry.value;
         }
     }
@@ -98,11 +117,7 @@ impl Dynamics for PhysicalModel {
         fresh: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let next = self.next::<VARIABLES>(&Surroundings::calm(), state, command);
-        for (entry, (row, value)) in next.iter().zip(jacobian.chunks_exact_mut(VARIABLES).zip(fresh)) {
-            row.copy_from_slice(&entry.gradient);
-            *value = entry.value;
-        }
+        self.linearize_in(&Surroundings::calm(), state, command, fresh, jacobian, None);
     }
 }
 
@@ -149,7 +164,7 @@ mod tests {
                     &command,
                     &mut fresh,
                     &mut jacobian,
-                    &mut by_surroundings,
+                    Some(&mut by_surroundings),
                 );
                 let shifted = |column: usize, by: f64| {
                     let (mut z, mut u, mut a) = (state.clone(), command, around);
