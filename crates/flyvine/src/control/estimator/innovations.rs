@@ -12,6 +12,10 @@ pub(super) const REFUSALS_MAX: u32 = 3;
 const ALARM_S: f64 = 0.3;
 /// … and how fast smaller ones: a model that was wrong does not become right while the vehicle stands still.
 const RELIEF_S: f64 = 5.0;
+/// The inconsistency of a model of which nothing was seen yet: trust is earned …
+pub(super) const DOUBT: f64 = 6.0;
+/// … by foreseeing well for longer than so many knots.
+const DOUBT_KNOTS: f64 = 40.0;
 /// Shares by which the tip may be heavier.
 const TIP_LOADS: [f64; 2] = [-0.5, 1.5];
 
@@ -35,8 +39,8 @@ impl Estimator<'_> {
     }
 
     /// How badly the model has foreseen the poses lately: the mean of ν² / s over their entries, which is 1 if the filter
-    /// knows how well its model foresees and far beyond if the model is not that of the vehicle. It rises fast and falls
-    /// slowly.
+    /// knows how well its model foresees and far beyond if the model is not that of the vehicle. It begins high, rises fast
+    /// and falls slowly.
     pub fn inconsistency(&self) -> f64 {
         self.inconsistency
     }
@@ -54,10 +58,11 @@ impl Estimator<'_> {
         }
         // What was refused is at least as surprising as the gate allows.
         let seen = (squares + GATE.powi(2) * f64::from(refused)) / f64::from(entries + refused);
+        self.knots += 1;
         let memory_s = if seen > self.inconsistency {
             ALARM_S
         } else {
-            RELIEF_S
+            RELIEF_S.min(crate::DT * (DOUBT_KNOTS + f64::from(self.knots)))
         };
         self.inconsistency += crate::DT / memory_s * (seen - self.inconsistency);
     }

@@ -98,6 +98,8 @@ pub struct Estimator<'a> {
     fresh: Vec<f64>,
     surprise: Surprise,
     inconsistency: f64,
+    /// Knots of which it is the mean.
+    knots: u32,
 }
 
 /// Whether entry `i` behind z is a gust.
@@ -144,7 +146,8 @@ impl<'a> Estimator<'a> {
             by_surroundings: vec![0.0; model.fresh_len() * SURROUNDINGS_LEN],
             fresh: vec![0.0; model.fresh_len()],
             surprise: Surprise::default(),
-            inconsistency: 1.0,
+            inconsistency: innovations::DOUBT,
+            knots: 0,
         })
     }
 

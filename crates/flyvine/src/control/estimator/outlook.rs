@@ -2,7 +2,7 @@
 
 use super::{AIR, AIR_GUST, Estimator, TIP_LOAD};
 use crate::model::ScheduledModel;
-use crate::model::physical::{STATE_LEN, Surroundings};
+use crate::model::physical::Surroundings;
 use crate::trajopt::Dynamics;
 
 /// Air and load as they are expected from a knot on.
