@@ -210,6 +210,19 @@ impl Bank {
         self
     }
 
+    /// The same bank for flights that are sent positions only, as flights of plans are: without the feed-forward of physical models
+    /// that were fitted to flights which were sent velocities, too.
+    pub fn sent_positions_only(&self) -> Self {
+        let mut bank = self.clone();
+        for model in &mut bank.models {
+            if let Model::Physical(physical) = &mut model.model {
+                physical.parameters.velocity_feedforward = 0.0;
+                physical.parameters.acceleration_feedforward = 0.0;
+            }
+        }
+        bank
+    }
+
     /// The same bank with the recordings that it was fitted on.
     pub fn with_inputs(mut self, inputs: Vec<InputFile>) -> Self {
         self.provenance.inputs = inputs;

@@ -18,7 +18,7 @@ use crate::trajopt::{
 /// Cost per metre of an ensemble's mean distance from a swing's target, where the task names no price.
 const TARGET_PRICE: f64 = 3000.0;
 
-/// Plans `task` on `bank`.
+/// Plans `task` on `bank`, for flights that are sent positions only ([`Bank::sent_positions_only`]).
 ///
 /// # Errors
 /// The bank does not cover the task's configurations, or the problem is malformed. A solve that does not
@@ -54,6 +54,7 @@ pub fn make_corrected_plan(
         task: task.name.clone(),
         source,
     };
+    let bank = &bank.sent_positions_only();
     let reference = task.reference();
     let model = OnBank::new(task, &reference, bank)?;
     let command_reference = model.command_reference(task, &reference);
@@ -137,6 +138,7 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
         task: task.name.clone(),
         source,
     };
+    let banks: Vec<Bank> = banks.iter().map(Bank::sent_positions_only).collect();
     let first_bank = banks.first().ok_or(EnsembleError::Empty).map_err(no_ensemble)?;
     let models: Vec<OnBank> = banks
         .iter()
