@@ -120,10 +120,7 @@ impl Bank {
     /// The file cannot be read, is not JSON, is not a bank, has another schema version, an unknown or missing
     /// field, a value that is not a finite number, or an array of the wrong length; the message says which.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let contents = std::fs::read(path).map_err(|source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        })?;
+        let contents = std::fs::read(path).map_err(ModelError::file(path))?;
         serde_json::from_slice(&contents).map_err(|error| ModelError::Format {
             path: path.to_path_buf(),
             message: error.to_string(),
@@ -135,13 +132,14 @@ impl Bank {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), ModelError> {
-        let file_error = |source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        };
-        let contents = serde_json::to_vec(self).map_err(|error| file_error(error.into()))?;
-        write_whole(path, &contents).map_err(file_error)
+        write_json(path, self)
     }
+}
+
+/// Writes `value` as JSON, whole or not at all.
+pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), ModelError> {
+    let contents = serde_json::to_vec(value).map_err(|error| ModelError::file(path)(error.into()))?;
+    write_whole(path, &contents).map_err(ModelError::file(path))
 }
 
 impl InputFile {
@@ -150,10 +148,7 @@ impl InputFile {
     /// # Errors
     /// The file cannot be read.
     pub fn of(path: &Path) -> Result<Self, ModelError> {
-        let contents = std::fs::read(path).map_err(|source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        })?;
+        let contents = std::fs::read(path).map_err(ModelError::file(path))?;
         Ok(Self {
             path: path.display().to_string(),
             sha256: sha256_hex(&contents),

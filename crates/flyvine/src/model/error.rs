@@ -2,7 +2,8 @@
 
 use super::noise::NoiseLevelError;
 use crate::flight::Configuration;
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 
 /// Why a model or bank cannot be built, read or evaluated.
 #[derive(Debug, thiserror::Error)]
@@ -197,7 +198,7 @@ pub enum ModelError {
         /// The file.
         path: PathBuf,
         /// What the system said.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// The file is not a bank.
     #[error("{}: {message}", path.display())]
@@ -215,6 +216,16 @@ pub(crate) fn display(configuration: &Configuration) -> String {
         "(length {:.3} m, pressure {:.3} kPa)",
         configuration.length_m, configuration.pressure_kpa
     )
+}
+
+impl ModelError {
+    /// What a failure to read or write the file at `path` is.
+    pub(crate) fn file(path: &Path) -> impl Fn(io::Error) -> Self {
+        move |source| Self::File {
+            path: path.to_path_buf(),
+            source,
+        }
+    }
 }
 
 /// Refuses NaN and infinities in `values`.

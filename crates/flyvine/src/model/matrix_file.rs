@@ -17,10 +17,7 @@ impl LagModel {
             path: path.to_path_buf(),
             message,
         };
-        let file = std::fs::File::open(path).map_err(|source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        })?;
+        let file = std::fs::File::open(path).map_err(ModelError::file(path))?;
         let mut linear = Vec::new();
         let mut rows = 0;
         for record in csv::Reader::from_reader(file).records() {

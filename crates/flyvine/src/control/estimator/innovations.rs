@@ -13,7 +13,7 @@ const ALARM_S: f64 = 0.3;
 /// … and how fast smaller ones: a model that was wrong does not become right while the vehicle stands still.
 const RELIEF_S: f64 = 5.0;
 /// The inconsistency of a model of which nothing was seen yet: trust is earned …
-pub(super) const DOUBT: f64 = 6.0;
+pub const DOUBT: f64 = 6.0;
 /// … by foreseeing well for longer than so many knots.
 const DOUBT_KNOTS: f64 = 40.0;
 /// Shares by which the tip may be heavier.

@@ -29,7 +29,7 @@ mod layout;
 mod outlook;
 
 pub use identification::{NoiseError, NoiseReport, identify_noise};
-pub use innovations::Surprise;
+pub use innovations::{DOUBT, Surprise};
 pub use outlook::{Lateness, Outlook, Surrounded};
 
 use super::Tick;
@@ -146,7 +146,7 @@ impl<'a> Estimator<'a> {
             by_surroundings: vec![0.0; model.fresh_len() * SURROUNDINGS_LEN],
             fresh: vec![0.0; model.fresh_len()],
             surprise: Surprise::default(),
-            inconsistency: innovations::DOUBT,
+            inconsistency: DOUBT,
             knots: 0,
         })
     }

@@ -4,7 +4,7 @@ use super::active_set::{Budget, QpReport};
 use super::horizon::{Horizon, Start, Window};
 use super::options::{MpcError, MpcOptions, limits, scale_for_wind};
 use super::plan::LinearizedPlan;
-use crate::control::estimator::Estimator;
+use crate::control::estimator::{DOUBT, Estimator};
 use crate::control::supervisor::Room;
 use crate::control::{Controller, Proposal, Tick, Trajectory};
 use crate::flight::{ControlStep, StepReport, StepStatus};
@@ -14,9 +14,9 @@ use crate::trajopt::Dynamics;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// [`Estimator::inconsistency`] up to which a model is trusted; at twice it not at all. Models of the vehicle that is flown were
+/// [`Estimator::inconsistency`] up to which a model is trusted; at twice it, where every flight begins, not at all. Models of the vehicle that is flown were
 /// seen to stay below 2, in sudden wind too; those of others reached 6 to 13 within 0.4 s.
-const TRUSTED_INCONSISTENCY: f64 = 3.0;
+const TRUSTED_INCONSISTENCY: f64 = DOUBT / 2.0;
 
 /// Model-predictive control along a plan.
 #[derive(Debug, Clone)]

@@ -1,8 +1,8 @@
 //! A partial fit as a JSON file, read back strictly.
 
+use super::super::bank_file::write_json;
 use super::super::error::ModelError;
 use super::{PARTIAL_FIT_SCHEMA_VERSION, PartialFit, SCHEMA};
-use crate::file::write_whole;
 use std::path::Path;
 
 impl PartialFit {
@@ -16,10 +16,7 @@ impl PartialFit {
             path: path.to_path_buf(),
             message,
         };
-        let contents = std::fs::read(path).map_err(|source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        })?;
+        let contents = std::fs::read(path).map_err(ModelError::file(path))?;
         let part: Self = serde_json::from_slice(&contents)
             .map_err(|error| format(format!("expected a partial fit, whole: {error}")))?;
         if (part.schema.as_str(), part.schema_version) != (SCHEMA, PARTIAL_FIT_SCHEMA_VERSION) {
@@ -50,11 +47,6 @@ impl PartialFit {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), ModelError> {
-        let file_error = |source| ModelError::File {
-            path: path.to_path_buf(),
-            source,
-        };
-        let contents = serde_json::to_vec(self).map_err(|error| file_error(error.into()))?;
-        write_whole(path, &contents).map_err(file_error)
+        write_json(path, self)
     }
 }
