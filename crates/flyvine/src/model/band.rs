@@ -105,7 +105,13 @@ impl PredictionBand {
     pub(crate) fn validate(&self) -> Result<(), ModelError> {
         require_finite("radii of the band", &self.radii_m)?;
         require_finite("horizons of the band", &self.horizons_s)?;
-        require_finite("growth of the band", &[self.growth_per_rad])?;
+        if !(self.growth_per_rad >= 0.0 && self.growth_per_rad.is_finite()) {
+            return Err(ModelError::Unsupported {
+                what: "growth of the band, 1/rad",
+                found: self.growth_per_rad.to_string(),
+                expected: "a number of at least 0".into(),
+            });
+        }
         let count = self.horizons_s.len();
         if count == 0 || self.radii_m.len() != count || self.windows.len() != count {
             return Err(ModelError::Shape {
@@ -175,6 +181,23 @@ mod tests {
         assert!(PredictionBand::of_windows(&[10], &[wild], Vec::new()).is_none());
         assert!(PredictionBand::of_windows(&[10], &[good[..30].to_vec()], Vec::new()).is_none());
     }
+    #[test]
+    fn a_band_that_shrinks_as_the_arm_leans_is_refused() {
+        let band = |growth_per_rad: f64| PredictionBand {
+            confidence: BAND_CONFIDENCE,
+            horizons_s: vec![0.5],
+            radii_m: vec![0.01],
+            growth_per_rad,
+            windows: vec![100],
+            flights: Vec::new(),
+        };
+        assert!(band(0.0).validate().is_ok());
+        for growth in [-5.0, f64::NAN, f64::INFINITY] {
+            let error = band(growth).validate().unwrap_err().to_string();
+            assert!(error.contains(&growth.to_string()), "{error}");
+        }
+    }
+
     #[test]
     fn the_band_is_wider_where_the_arm_leans() {
         // Distances grow with the angle: 1 cm of an arm that hangs, 9 cm at 1 rad, up to a fifth more or less.
