@@ -135,6 +135,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
             Some(("replay", path)) => read_control_steps(Path::new(path)).or_input()?,
             _ => Vec::new(),
         },
+        inconsistency: None,
         reference: None,
     };
     if let Some(address) = arguments.vehicle.strip_prefix("mavlink:") {
@@ -162,6 +163,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
             ));
         }
         ended = say_outcome(&outcome);
+        flying.inconsistency = outcome.steps.last().map(|step| step.report.inconsistency);
         let error_m = learning.learn(&outcome.flight);
         if let (true, Some(error_m)) = (arguments.laps > 1, error_m) {
             say(&format!("lap {}: {} cm", lap + 1, centimetres_fine(error_m)));

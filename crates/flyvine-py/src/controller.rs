@@ -65,6 +65,7 @@ pub fn flying(
         mpc: json::from_python::<MpcOptions>("mpc", mpc)?,
         step_limit: step_limit_ms.map(limit).transpose()?,
         recorded: Vec::new(),
+        inconsistency: None,
         reference: reference
             .map(|reference| arrays::tuples("reference", reference))
             .transpose()?,

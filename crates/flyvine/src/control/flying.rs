@@ -63,6 +63,9 @@ pub struct Flying {
     pub step_limit: Option<Duration>,
     /// Reports of the recorded flight that is to be repeated.
     pub recorded: Vec<ControlStep>,
+    /// Inconsistency of the model with which an earlier flight of the same vehicle ended; without it, trust in the model has to
+    /// be earned anew.
+    pub inconsistency: Option<f64>,
     /// Where the tip shall be, if not on the plan's own reference (m, per knot).
     pub reference: Option<Vec<[f64; 3]>>,
 }
@@ -112,6 +115,9 @@ pub fn controller<'a>(
             let mut mpc = ModelPredictive::new(trajectory, model, reference, &limits.room, &flying.mpc)?;
             if let Some(limit) = flying.step_limit {
                 mpc = mpc.with_time_limit(limit);
+            }
+            if let Some(inconsistency) = flying.inconsistency {
+                mpc = mpc.with_inconsistency(inconsistency);
             }
             Box::new(mpc.with_recorded_steps(&flying.recorded))
         }

@@ -38,6 +38,12 @@ impl Estimator<'_> {
         self.surprise
     }
 
+    /// Begins with the inconsistency that an earlier flight of the same vehicle ended with, instead of with [`DOUBT`].
+    pub(crate) fn with_inconsistency(mut self, inconsistency: f64) -> Self {
+        self.inconsistency = inconsistency;
+        self
+    }
+
     /// How badly the model has foreseen the poses lately: the mean of ν² / s over their entries, which is 1 if the filter
     /// knows how well its model foresees and far beyond if the model is not that of the vehicle. It begins high, rises fast
     /// and falls slowly.

@@ -57,6 +57,9 @@ const COMMANDS_KEPT: usize = 6;
 const DELAY_MAX: f64 = (COMMANDS_KEPT - 2) as f64;
 /// Knots of hovering that [`Estimator::settle`] imagines: enough for the autopilot's slow integrator.
 const SETTLING_KNOTS: usize = 100;
+/// As many poses as the one that it sees counts for. Were it as many as knots, its noise would be taken for wind; were it one,
+/// a wind would be found too weak.
+const SETTLING_POSES: f64 = 6.0;
 
 /// A model that the filter cannot run on.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -285,11 +288,17 @@ impl<'a> Estimator<'a> {
     pub fn settle(&mut self, observation: &Observation) {
         let command = self.commands[0];
         let n = self.state_len();
+        let measured = self.layout.measured;
+        let weaker = (SETTLING_KNOTS as f64 / SETTLING_POSES).sqrt();
+        self.layout.measured = measured.map(|noise| noise * weaker);
         for _ in 0..SETTLING_KNOTS {
             self.predict(0, command);
             self.correct(observation);
         }
+        self.layout.measured = measured;
+        // A hover tells nothing of delay and load: what would be found of them is the noise of this one pose.
         self.mean[n + DELAY] = 0.0;
+        self.mean[n + TIP_LOAD] = 0.0;
         for i in (0..EXTRA).filter(|&i| fades(i)) {
             self.mean[n + i] = 0.0;
         }

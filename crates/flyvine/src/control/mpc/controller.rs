@@ -100,8 +100,18 @@ impl<'a> ModelPredictive<'a> {
         self
     }
 
-    /// Stops each quadratic program that was cut short in a recorded flight after as many changes as there.
+    /// Begins with the trust in the model that an earlier flight ended with: its [`Estimator::inconsistency`].
+    pub fn with_inconsistency(mut self, inconsistency: f64) -> Self {
+        self.estimator = self.estimator.with_inconsistency(inconsistency);
+        self
+    }
+
+    /// Repeats a recorded flight: begins with the trust that it began with, and stops each quadratic program that was cut
+    /// short in it after as many changes as there.
     pub fn with_recorded_steps(mut self, steps: &[ControlStep]) -> Self {
+        if let Some(first) = steps.first().filter(|step| step.row == 0) {
+            self = self.with_inconsistency(first.report.inconsistency);
+        }
         let cut_short = steps
             .iter()
             .filter(|step| step.report.status == StepStatus::BudgetSpent);

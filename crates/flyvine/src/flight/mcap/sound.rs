@@ -1,20 +1,21 @@
 //! What of an MCAP file the crate `mcap` may be given.
 
 use ::mcap::MAGIC;
-use ::mcap::records::op::CHUNK;
+use ::mcap::records::op;
 
 /// Opcode and length in front of every record, bytes.
 const RECORD_HEAD: usize = 1 + 8;
 /// Times, size and checksum in front of a chunk's compression, bytes.
 const CHUNK_HEAD: usize = 8 + 8 + 8 + 4;
 
-/// The part of an MCAP file in front of its first chunk in which a record is longer than what is left of the chunk. It is the
-/// whole file but for damaged ones: of those, the crate `mcap` 0.26 adds and subtracts these lengths, and panics wherever
-/// overflow is checked.
+/// The part of an MCAP file in front of its first record that is damaged in a way that the crate `mcap` 0.26 does not look
+/// for: a string longer than its record, of which it allocates the length, or a record longer than what is left of its chunk,
+/// of which it adds and subtracts the lengths and panics wherever overflow is checked.
 pub fn sound_mcap(bytes: &[u8]) -> &[u8] {
     let mut at = MAGIC.len();
     while let Some(record) = bytes.get(at..).and_then(Counted::record) {
-        if bytes[at] == CHUNK && !records_fit(record.there) {
+        let opcode = bytes[at];
+        if !strings_fit(opcode, &record) || (opcode == op::CHUNK && !records_fit(record.there)) {
             return &bytes[..at];
         }
         let Some(next) = record.length.checked_add(at + RECORD_HEAD) else {
@@ -39,6 +40,9 @@ fn records_fit(chunk: &[u8]) -> bool {
     };
     let mut at = 0;
     while let Some(record) = records.there.get(at..).and_then(Counted::record) {
+        if !strings_fit(records.there[at], &record) {
+            return false;
+        }
         match record.length.checked_add(at + RECORD_HEAD) {
             Some(next) if next <= records.length => at = next,
             _ => return false,
@@ -46,6 +50,50 @@ fn records_fit(chunk: &[u8]) -> bool {
     }
     // At the end, or cut off in a record that had room.
     at == records.length || records.length - at >= RECORD_HEAD
+}
+
+/// Whether a record's strings keep within it; of a record that is not all there, nothing is read.
+fn strings_fit(opcode: u8, record: &Counted) -> bool {
+    if record.there.len() < record.length {
+        return true;
+    }
+    // In front of its strings, bytes; how many there are; whether a map of others follows.
+    let (head, strings, map) = match opcode {
+        op::HEADER => (0, 2, false),
+        op::SCHEMA => (2, 2, false),
+        op::CHANNEL => (4, 2, true),
+        op::CHUNK => (CHUNK_HEAD, 1, false),
+        op::ATTACHMENT => (2 * 8, 2, false),
+        op::ATTACHMENT_INDEX => (5 * 8, 2, false),
+        op::METADATA => (0, 1, true),
+        op::METADATA_INDEX => (2 * 8, 1, false),
+        _ => return true,
+    };
+    let all_fit = || {
+        let mut rest = record.there.get(head..).unwrap_or_default();
+        for _ in 0..strings {
+            rest = behind_string(rest)?;
+        }
+        if let Some(entries) = Counted::new(rest, 4).filter(|_| map) {
+            // The count is of bytes; strings are read until they are used up.
+            rest = &rest[4..];
+            let end = rest.len().saturating_sub(entries.length);
+            while rest.len() > end {
+                rest = behind_string(rest)?;
+            }
+        }
+        Some(())
+    };
+    all_fit().is_some()
+}
+
+/// What is behind the string that `bytes` begin with, which is nothing where not even its length is there; `None` if it is longer
+/// than they are.
+fn behind_string(bytes: &[u8]) -> Option<&[u8]> {
+    match Counted::new(bytes, 4) {
+        Some(string) => bytes[4..].get(string.length..),
+        None => Some(&[]),
+    }
 }
 
 /// Bytes behind their length, as far as they are there: a file may be cut off anywhere.

@@ -112,13 +112,14 @@ fn what_is_no_flight_is_refused() {
     ));
 }
 
-/// Records that are longer than what is left of their chunk, as a fuzzer found them, the second in a chunk that is cut off; with
-/// overflow checks, as in a debug build, the crate `mcap` would not survive them.
+/// What a fuzzer found: records that are longer than what is left of their chunk, the second in a chunk that is cut off, and
+/// a name of 4 GB. With overflow checks, as in a debug build, or little memory, the crate `mcap` would not survive them.
 #[test]
-fn a_record_past_its_chunk_is_damage() {
+fn lengths_past_their_end_are_damage() {
     for damaged in [
         &include_bytes!("../../../tests/fixtures/record_past_its_chunk.mcap")[..],
         &include_bytes!("../../../tests/fixtures/record_past_its_cut_chunk.mcap")[..],
+        &include_bytes!("../../../tests/fixtures/string_past_its_record.mcap")[..],
     ] {
         assert!(sound_mcap(damaged).len() < damaged.len());
         assert!(parse_mcap("damaged", damaged).is_err() && parse_steps("damaged", damaged).is_err());
