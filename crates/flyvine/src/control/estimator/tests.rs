@@ -189,6 +189,50 @@ fn a_model_of_another_vehicle_is_noticed() {
 }
 
 #[test]
+fn the_noise_of_the_pose_before_a_flight_is_not_taken_for_load_and_wind() {
+    let model = model();
+    let rest = model.at_knot(0).rest_state(CONFIGURATION);
+    let command = [rest[0], rest[1], rest[2]];
+    let settled = |z: &[f64]| {
+        let mut estimator = Estimator::new(&model, &NoiseLevels::PHYSICAL, &rest, command).unwrap();
+        let vector = [z[3], z[4], z[5]];
+        let scalar = (1.0 - vector.iter().map(|v| v * v).sum::<f64>()).sqrt();
+        estimator.settle(&Observation {
+            t_s: 0.0,
+            quadrotor: Some(Pose {
+                position: [z[0], z[1], z[2]],
+                attitude: [scalar, vector[0], vector[1], vector[2]],
+            }),
+            end_effector: Some([z[6], z[7], z[8]]),
+        });
+        estimator.surroundings()
+    };
+    let mut noisy = rest.clone();
+    noisy[6] += 1e-3;
+    noisy[8] -= 1e-3;
+    let noisy = settled(&noisy);
+    assert_eq!(noisy.tip_load, 0.0);
+    assert!(noisy.wind_m_s[0].abs() < 0.15, "{:?}", noisy.wind_m_s);
+
+    // A wind that holds the vehicle askew is far beyond noise.
+    let wind = Surroundings {
+        wind_m_s: [1.0, 0.0, 0.0],
+        ..Surroundings::calm()
+    };
+    let mut blown = rest.clone();
+    for _ in 0..400 {
+        let before = blown.clone();
+        model.step_in(0, &wind, &before, &command, &mut blown);
+    }
+    let found = settled(&blown).wind_m_s;
+    assert!(
+        found[0] > 0.1 && found[0] > 10.0 * noisy.wind_m_s[0].abs(),
+        "{found:?}, {:?}",
+        noisy.wind_m_s
+    );
+}
+
+#[test]
 fn outliers_are_refused_and_gaps_bridged() {
     let model = model();
     let (clean, undisturbed) = watch(&model, &NoiseLevels::PHYSICAL, World::calm(), |_, seen| seen);
