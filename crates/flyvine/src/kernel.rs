@@ -154,7 +154,7 @@ const MAX_ROWS: usize = 4;
 impl<const F: usize> WithSimd for SumOfProducts<'_, F> {
     type Output = ();
 
-    /// Tiles of up to 4 rows × 2 vectors or 3 × 3 of `out` (1 × 8) stay in registers over the whole sum.
+    /// Tiles of up to 4 rows × 2 vectors or 3 × 3 of `out` (1 × 8; 4 × 4 of the widest vectors) stay in registers over the whole sum.
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let (first, columns, upper) = match self.wanted {
@@ -197,11 +197,15 @@ impl<const F: usize> SumOfProducts<'_, F> {
     ) {
         while column < columns {
             let vectors = (columns - column).div_ceil(S::F64_LANES);
+            // Instruction sets with the widest vectors have twice as many registers.
+            let roomy = S::F64_LANES == MAX_LANES;
             column += S::F64_LANES
                 * match vectors {
                     8.. if ROWS == 1 => self.tile::<S, ROWS, 8>(simd, row, column, columns),
-                    4.. if ROWS == 1 => self.tile::<S, ROWS, 4>(simd, row, column, columns),
-                    3 | 5.. if ROWS < MAX_ROWS => self.tile::<S, ROWS, 3>(simd, row, column, columns),
+                    4.. if ROWS == 1 || roomy => self.tile::<S, ROWS, 4>(simd, row, column, columns),
+                    3 | 5.. if ROWS < MAX_ROWS || roomy => {
+                        self.tile::<S, ROWS, 3>(simd, row, column, columns)
+                    }
                     2.. => self.tile::<S, ROWS, 2>(simd, row, column, columns),
                     _ => self.tile::<S, ROWS, 1>(simd, row, column, columns),
                 };
