@@ -156,7 +156,7 @@ pub fn fly_plan_watched(
     watch: &mut dyn FnMut(&FlownRow),
 ) -> Result<FlightOutcome, FlyingError> {
     let trajectory = Trajectory::of_plan(plan)?;
-    let model = plan.bank.scheduled(&plan.configurations)?;
+    let model = plan.model()?;
     let mut controller = controller(plan, &trajectory, &model, flying, &limits)?;
     let controller = controller.as_mut();
     let mut outcome = fly_watched(&trajectory, controller, limits, vehicle, seed, progress, watch)?;
