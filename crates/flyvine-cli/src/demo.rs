@@ -125,7 +125,10 @@ fn fly_training(folder: &Path, seed: u64, feedforward: Feedforward) -> Result<Re
         .into_iter()
         .flat_map(|corner| {
             let flights = training_flights(seed).into_iter().chain([test_flight(seed)]);
-            flights.map(move |flight| (corner, flight))
+            flights.map(move |flight| match feedforward {
+                Feedforward::None => (corner, flight),
+                Feedforward::Velocity => (corner, flight.smoothed()),
+            })
         })
         .collect();
     let bar = progress(jobs.len() as u64, "training");

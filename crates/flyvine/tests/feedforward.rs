@@ -1,10 +1,23 @@
-//! Flights of plans are sent positions only: a bank whose flights were sent velocities, too, is planned without its feed-forward.
+//! Velocities beside positions: only where the task asks for them and the bank knows them, and then the same from plan to
+//! recording.
 
 mod common;
 
+use std::ops::ControlFlow;
+
+use flyvine::DT;
+use flyvine::control::supervisor::Limits;
+use flyvine::control::{ControlLaw, End, FlightOutcome, Flying, fly_plan};
+use flyvine::flight::Sample;
+use flyvine::link::Feedforward;
 use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
-use flyvine::model::{Bank, BankModel, Model};
-use flyvine::task::{PlanOptions, make_plan};
+use flyvine::model::{
+    Bank, BankModel, BankProvenance, CommandInputs, LagModel, Model, ModelDiagnostics, NoiseLevels,
+};
+use flyvine::sim::{SimulatedVehicle, VehicleParameters};
+use flyvine::task::{
+    Plan, PlanError, PlanOptions, Task, make_ensemble_plan, make_plan, read_plan, write_plan,
+};
 
 /// The bank of the prior, with this feed-forward.
 fn bank(velocity_feedforward: f64) -> Bank {
@@ -24,11 +37,214 @@ fn bank(velocity_feedforward: f64) -> Bank {
     Bank::new(models, prior.provenance().clone()).unwrap()
 }
 
+/// A lag model whose quadrotor follows the command late by `1 − share · feed-forward`, and its tip the quadrotor.
+fn lag_bank(inputs: CommandInputs) -> Bank {
+    let (lags, gain) = (2, 0.08);
+    let p = lags * 9 + inputs.len();
+    let mut linear = vec![0.0; 9 * p];
+    let mut offset = vec![0.0; 9];
+    for axis in 0..3 {
+        // Quadrotor: x⁺ = x + g (u − x) + 0.9 v Δt, or without v; tip: a lightly damped oscillator about it.
+        let (quadrotor, tip) = (axis, 6 + axis);
+        linear[quadrotor * p + quadrotor] = 1.0 - gain;
+        linear[quadrotor * p + lags * 9 + axis] = gain;
+        if inputs == CommandInputs::PositionAndVelocity {
+            linear[quadrotor * p + lags * 9 + 3 + axis] = 0.9 * DT;
+        }
+        linear[tip * p + tip] = 1.85;
+        linear[tip * p + 9 + tip] = -0.9;
+        linear[tip * p + quadrotor] = 0.05;
+        offset[tip] = if axis == 2 { -0.05 * 0.7 } else { 0.0 };
+    }
+    let model = BankModel {
+        configuration: common::task("lemniscate_5s_ES.toml").configuration,
+        model: Model::Lag(LagModel::new(lags, inputs, offset, linear, &[]).unwrap()),
+        diagnostics: ModelDiagnostics::default(),
+    };
+    Bank::new(vec![model], BankProvenance::default()).unwrap()
+}
+
+fn task() -> Task {
+    common::task("lemniscate_5s_ES.toml")
+}
+
+fn asking() -> Task {
+    Task {
+        feedforward: Feedforward::Velocity,
+        ..task()
+    }
+}
+
+fn planned(task: &Task, bank: &Bank) -> Plan {
+    make_plan(task, bank, &PlanOptions::default()).unwrap()
+}
+
+fn flown(plan: &Plan, law: ControlLaw) -> FlightOutcome {
+    let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).unwrap();
+    let flying = Flying {
+        law,
+        ..Flying::default()
+    };
+    let mut go_on = |_: usize, _: usize| ControlFlow::Continue(());
+    fly_plan(plan, &flying, Limits::default(), &mut vehicle, 1, &mut go_on).unwrap()
+}
+
+/// Largest difference, m/s, between the velocities of a recording and those of its commands.
+fn inconsistency_m_s(start: [f64; 3], samples: &[Sample]) -> f64 {
+    let mut before = start;
+    let mut largest: f64 = 0.0;
+    for sample in samples {
+        let velocity = sample.command_velocity.expect("sent in every row");
+        for axis in 0..3 {
+            largest = largest.max((velocity[axis] - (sample.command[axis] - before[axis]) / DT).abs());
+        }
+        before = sample.command;
+    }
+    largest
+}
+
 #[test]
 fn plans_assume_no_velocity_that_is_not_sent() {
-    let task = common::task("lemniscate_5s_ES.toml");
-    let planned = |bank: &Bank| make_plan(&task, bank, &PlanOptions::default()).unwrap();
-    let (with, without) = (planned(&bank(0.8)), planned(&bank(0.0)));
+    let (with, without) = (planned(&task(), &bank(0.8)), planned(&task(), &bank(0.0)));
     assert_eq!(with.commands, without.commands);
     assert_eq!(with.bank.models(), without.bank.models());
+}
+
+#[test]
+fn velocities_that_a_bank_does_not_know_are_refused_by_name() {
+    let options = PlanOptions::default();
+    for bank in [bank(0.0), lag_bank(CommandInputs::Position)] {
+        for refused in [
+            make_plan(&asking(), &bank, &options),
+            make_ensemble_plan(&asking(), &[bank.clone(), bank.clone()], &options),
+        ] {
+            let error = refused.unwrap_err();
+            assert!(matches!(error, PlanError::NoFeedforward { .. }), "{error}");
+            assert!(
+                error
+                    .to_string()
+                    .contains("lemniscate_5s_ES`, feedforward: found a bank")
+            );
+        }
+    }
+    // And a bank that takes them is not planned on without.
+    let unasked = make_plan(&task(), &lag_bank(CommandInputs::PositionAndVelocity), &options).unwrap_err();
+    assert!(matches!(unasked, PlanError::Inputs { found: 6, .. }), "{unasked}");
+    assert!(unasked.to_string().contains("feedforward"), "{unasked}");
+}
+
+#[test]
+fn plans_without_velocities_are_written_as_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plan.json");
+    for (plan, mentioned) in [
+        (planned(&task(), &bank(0.0)), false),
+        (planned(&asking(), &bank(0.8)), true),
+    ] {
+        write_plan(&path, &plan).unwrap();
+        assert_eq!(read_plan(&path).unwrap(), plan);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(text.contains(r#""feedforward":"velocity""#), mentioned);
+    }
+    let text = format!("feedforward = \"speed\"\n{}", "name = \"a\"");
+    assert!(
+        Task::parse(&text, "task.toml")
+            .unwrap_err()
+            .to_string()
+            .contains("speed")
+    );
+}
+
+/// What the model knows of velocities shortens the lead of the commands over the end effector.
+#[test]
+fn commands_lead_less_where_velocities_are_sent() {
+    // Mean square distance between command and reference, along x.
+    let lead = |plan: &Plan| {
+        let pairs = plan.commands.iter().zip(&plan.reference);
+        pairs.map(|(u, r)| (u[0] - r[0]).powi(2)).sum::<f64>() / plan.commands.len() as f64
+    };
+    for (with, without) in [
+        (planned(&asking(), &bank(0.9)), planned(&task(), &bank(0.0))),
+        (
+            planned(&asking(), &lag_bank(CommandInputs::PositionAndVelocity)),
+            planned(&task(), &lag_bank(CommandInputs::Position)),
+        ),
+    ] {
+        assert!(with.solve.converged, "{}", with.solve.status);
+        assert!(
+            with.solve.predicted_error_m < 0.03,
+            "{} m",
+            with.solve.predicted_error_m
+        );
+        assert!(
+            lead(&with) < 0.7 * lead(&without),
+            "{} against {}",
+            lead(&with),
+            lead(&without)
+        );
+    }
+}
+
+/// A plan's own prediction is what its model makes of its commands and their differences.
+#[test]
+fn a_lag_plan_predicts_with_the_velocities_that_are_sent() {
+    let plan = planned(&asking(), &lag_bank(CommandInputs::PositionAndVelocity));
+    let (mut x, mut before) = (0.0, 0.0);
+    for (knot, command) in plan.commands.iter().enumerate() {
+        assert!((plan.states[knot][0] - x).abs() < 1e-9, "knot {knot}");
+        x += 0.08 * (command[0] - x) + 0.9 * (command[0] - before);
+        before = command[0];
+    }
+}
+
+#[test]
+fn every_law_sends_the_velocities_of_what_it_commands() {
+    let physical = bank(0.9).with_noise(Some(NoiseLevels::PHYSICAL)).unwrap();
+    for bank in [physical, lag_bank(CommandInputs::PositionAndVelocity)] {
+        let plan = planned(&asking(), &bank);
+        for law in [ControlLaw::OpenLoop, ControlLaw::Tracking, ControlLaw::Mpc] {
+            let outcome = flown(&plan, law);
+            let samples = &outcome.flight.samples;
+            // What an abort holds is no velocity; models this crude need not fly to the end.
+            let rows = match outcome.end {
+                End::Completed => samples.len(),
+                End::Aborted { t_s, .. } => (t_s / DT).round() as usize,
+            };
+            assert!(rows > 40, "{law:?}: {:?}", outcome.end);
+            assert!(
+                inconsistency_m_s([0.0, 0.0, 1.5], &samples[..rows]) < 1e-9,
+                "{law:?}"
+            );
+        }
+    }
+}
+
+/// The vehicle follows a moving command closer when it is sent its velocity, and plans that know so come out true.
+#[test]
+fn a_flight_with_velocities_goes_where_its_plan_says() {
+    let with = planned(&asking(), &bank(0.9));
+    let heard = flown(&with, ControlLaw::OpenLoop);
+    assert!(matches!(heard.end, End::Completed), "{:?}", heard.end);
+    // The same commands without their velocities: what the plan expects does not happen.
+    let mut unsent = with.clone();
+    unsent.task.feedforward = Feedforward::None;
+    let unheard = flown(&unsent, ControlLaw::OpenLoop);
+    assert!(
+        unheard
+            .flight
+            .samples
+            .iter()
+            .all(|row| row.command_velocity.is_none())
+    );
+    let off_m = |outcome: &FlightOutcome| {
+        let rows = outcome.flight.samples.iter().zip(&with.states);
+        let off = rows.filter_map(|(row, state)| Some((row.quadrotor?.position[0] - state[0]).abs()));
+        off.fold(0.0, f64::max)
+    };
+    assert!(
+        off_m(&heard) < 0.5 * off_m(&unheard),
+        "{} m, {} m",
+        off_m(&heard),
+        off_m(&unheard)
+    );
 }

@@ -176,7 +176,7 @@ pub enum PlanError {
     /// The bank's models take inputs that a plan does not command.
     #[error(
         "task `{task}`: found models with {found} inputs, expected 3 (commanded position); \
-         fit the bank without commanded velocity to plan on it"
+         ask for feedforward = \"velocity\", or fit the bank without commanded velocity, to plan on it"
     )]
     Inputs {
         /// The task.

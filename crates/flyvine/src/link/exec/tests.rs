@@ -137,6 +137,34 @@ fn the_child_sees_the_protocol() {
 }
 
 #[test]
+fn the_child_sees_velocities_where_they_are_sent() {
+    // The child answers with what it was sent: the position as the quadrotor's, the velocity as the tip's.
+    let mut vehicle = python(
+        "for k, line in enumerate(sys.stdin):\n\
+         \x20   sent = json.loads(line)\n\
+         \x20   if 'close' in sent: break\n\
+         \x20   print(json.dumps(dict(t_s=k * 0.05, qr=sent.get('cmd'), q=[1, 0, 0, 0] if 'cmd' in sent else None,\n\
+         \x20                         ee=sent.get('cmd_velocity'))), flush=True)",
+    );
+    vehicle.reset(SHORT, 1).unwrap();
+    let setpoint = Setpoint {
+        position: [0.1, -0.2, 1.5],
+        velocity: Some([0.25, -1.5, 1e-3]),
+    };
+    let with = vehicle.step(setpoint, SHORT).unwrap();
+    assert_eq!(with.quadrotor.unwrap().position, setpoint.position);
+    assert_eq!(with.end_effector, setpoint.velocity);
+    let without = vehicle.step(setpoint.position.into(), SHORT).unwrap();
+    assert_eq!(without.end_effector, None);
+    let broken = Setpoint {
+        velocity: Some([0.0, f64::NAN, 0.0]),
+        ..setpoint
+    };
+    let error = exec_error(vehicle.step(broken, SHORT).unwrap_err());
+    assert!(matches!(error.fault, ExecFault::NotFinite(_)), "{error}");
+}
+
+#[test]
 fn a_dying_child_is_named_with_its_status_and_last_words() {
     let error = fly_to_fault(python(
         "serve(lambda k: pose(k) if k < 3 else (print('motor on fire', file=sys.stderr), sys.exit(3)))",
