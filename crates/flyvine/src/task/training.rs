@@ -22,9 +22,9 @@ pub struct TrainingFlight {
 }
 
 impl TrainingFlight {
-    /// The same flight for a vehicle that is sent the velocities of its commands, too: averaged twice over 0.5 s, to either
+    /// The same flight for a vehicle that is sent the velocities of its commands, too: averaged twice over 0.85 s, to either
     /// side. A velocity loop that is fed a step's velocity asks for more than any vehicle can do, and what comes of it teaches
-    /// nothing; the position loop alone smooths it about as much as this.
+    /// nothing; smoothed so, swings accelerate by up to 4 m/s², as the vehicle does after their steps alone.
     pub fn smoothed(mut self) -> Self {
         for _ in 0..2 {
             self.commands = averaged(&self.commands);
@@ -48,7 +48,7 @@ fn averaged(commands: &[[f64; 3]]) -> Vec<[f64; 3]> {
 }
 
 /// Half the width of the averages in [`TrainingFlight::smoothed`].
-const AVERAGED_KNOTS: isize = 5;
+const AVERAGED_KNOTS: isize = 8;
 
 /// The training flights for one configuration: deterministic for a seed, inside |x|, |y| ≤ 1.5 m and
 /// 1.2 m ≤ z ≤ 1.85 m.
@@ -216,9 +216,8 @@ mod tests {
             let second = smooth.commands.windows(3).flat_map(|u| {
                 [0, 1, 2].map(|axis| (u[2][axis] - 2.0 * u[1][axis] + u[0][axis]).abs() / DT.powi(2))
             });
-            // Tilting by 45° accelerates by 9.8 m/s².
             let largest = second.fold(0.0, f64::max);
-            assert!(largest < 10.0, "{}: {largest} m/s²", flight.name);
+            assert!(largest < 4.5, "{}: {largest} m/s²", flight.name);
             assert!(
                 (30.0..120.0).contains(&(flight.commands.len() as f64 * DT)),
                 "{}",
