@@ -45,6 +45,12 @@ const TASKS: [&str; 13] = [
     include_str!("../../../examples/tasks/deploy_5s.toml"),
 ];
 
+/// What keeps commands smooth whose velocities are sent.
+const VELOCITY_CHANGE: CommandChange = CommandChange {
+    weight: 30.0,
+    max_m: None,
+};
+
 /// Do the paper's experiment on the built-in vehicle: train, fit, check, plan all 13 motions, fly them open loop, score
 /// them and write a report. Needs nothing, opens nothing, takes seconds on two cores with the paper's models
 /// (`--family lag`) and a minute or two with the physical ones.
@@ -235,8 +241,12 @@ fn plan_tasks(bank: &Bank, feedforward: Feedforward) -> Result<Vec<Plan>, Failur
     let tasks = TASKS
         .iter()
         .map(|text| {
-            let task = Task::parse(text, "shipped task")?;
-            Ok(Task { feedforward, ..task })
+            let mut task = Task::parse(text, "shipped task")?;
+            if !feedforward.is_none() {
+                task.feedforward = feedforward;
+                task.command_change.get_or_insert(VELOCITY_CHANGE);
+            }
+            Ok(task)
         })
         .collect::<Result<Vec<_>, TaskError>>()
         .or_internal()?;
