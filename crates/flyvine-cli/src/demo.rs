@@ -15,7 +15,8 @@ use flyvine::report::{Experiment, ExperimentKind, Results, RunSummary, Score};
 use flyvine::run::{experiment_folder, read_results, write_experiment, write_report};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::{
-    Plan, PlanOptions, Task, TaskError, TrainingFlight, make_plan, test_flight, training_flights,
+    CommandChange, Plan, PlanOptions, Task, TaskError, TrainingFlight, make_plan, test_flight,
+    training_flights,
 };
 use indicatif::ProgressBar;
 use rayon::prelude::*;
