@@ -66,7 +66,8 @@ pub struct DemoArguments {
     /// Family of the models that everything is planned on: `lag` is the paper's, `physical` predicts better.
     #[arg(long, value_enum, default_value_t = FamilyChoice::Lag)]
     family: FamilyChoice,
-    /// Send velocities beside positions, in training and in flight: the vehicle's velocity loop is fed forward.
+    /// Send velocities beside positions, in training and in flight: the vehicle's velocity loop is fed forward. Training commands
+    /// are smoothed, and changes of commands have a price.
     #[arg(long)]
     feedforward: bool,
 }
