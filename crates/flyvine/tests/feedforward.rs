@@ -7,7 +7,7 @@ use std::ops::ControlFlow;
 
 use flyvine::DT;
 use flyvine::control::supervisor::Limits;
-use flyvine::control::{ControlLaw, End, FlightOutcome, Flying, fly_plan};
+use flyvine::control::{ControlLaw, End, FlightOutcome, Flying, FlyingError, fly_plan};
 use flyvine::flight::Sample;
 use flyvine::link::Feedforward;
 use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
@@ -91,13 +91,17 @@ fn planned(task: &Task, bank: &Bank) -> Plan {
 }
 
 fn flown(plan: &Plan, law: ControlLaw) -> FlightOutcome {
+    try_to_fly(plan, law).unwrap()
+}
+
+fn try_to_fly(plan: &Plan, law: ControlLaw) -> Result<FlightOutcome, FlyingError> {
     let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).unwrap();
     let flying = Flying {
         law,
         ..Flying::default()
     };
     let mut go_on = |_: usize, _: usize| ControlFlow::Continue(());
-    fly_plan(plan, &flying, Limits::default(), &mut vehicle, 1, &mut go_on).unwrap()
+    fly_plan(plan, &flying, Limits::default(), &mut vehicle, 1, &mut go_on)
 }
 
 /// Largest difference, m/s, between the velocities of a recording and those of its commands, as far as these are not too fast.
@@ -212,11 +216,15 @@ fn a_lag_plan_predicts_with_the_velocities_that_are_sent() {
 }
 
 #[test]
-fn every_law_sends_the_velocities_of_what_it_commands() {
+fn laws_send_the_velocities_of_what_they_command_or_refuse() {
     let physical = bank(0.9).with_noise(Some(NoiseLevels::PHYSICAL)).unwrap();
     for bank in [physical, lag_bank(CommandInputs::PositionAndVelocity)] {
         let plan = planned(&asking(), &bank);
-        for law in [ControlLaw::OpenLoop, ControlLaw::Tracking, ControlLaw::Mpc] {
+        for law in [ControlLaw::Tracking, ControlLaw::Replan] {
+            let error = try_to_fly(&plan, law).unwrap_err();
+            assert!(matches!(error, FlyingError::Feedforward { .. }), "{error}");
+        }
+        for law in [ControlLaw::OpenLoop, ControlLaw::Mpc] {
             let outcome = flown(&plan, law);
             let samples = &outcome.flight.samples;
             // What an abort holds is no velocity; models this crude need not fly to the end.
