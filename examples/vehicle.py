@@ -32,12 +32,13 @@ class Vehicle:
         self.position, self.velocity, self.acceleration = [0.0, 0.0, 1.5], [0.0] * 3, [0.0] * 3
         self.arm, self.arm_rate = [0.0, 0.0, -1.0], [0.0] * 3  # unit vector quadrotor -> tip, and its derivative
 
-    def step(self, command):
+    def step(self, command, velocity):
         h = DT / SUBSTEPS
         for _ in range(SUBSTEPS):
             # Cascade: the position error asks for a velocity, the velocity error for an acceleration.
             error = add(command, self.position, -1)
-            wanted = [VELOCITY_GAIN * (POSITION_GAIN * e - v) for e, v in zip(error, self.velocity)]
+            wanted_velocity = add(velocity, error, POSITION_GAIN)
+            wanted = [VELOCITY_GAIN * (w - v) for w, v in zip(wanted_velocity, self.velocity)]
             self.acceleration = add(self.acceleration, add(wanted, self.acceleration, -1), h / LAG)
             self.velocity = add(self.velocity, self.acceleration, h)
             self.position = add(self.position, self.velocity, h)
@@ -71,7 +72,8 @@ def main():
             vehicle = Vehicle(request["reset"]["length_m"], request["reset"]["seed"])
         elif "cmd" in request:  # hold the command for 50 ms; the arm's length and pressure are told along with it
             vehicle.length = request["length_m"]
-            vehicle.step(request["cmd"])
+            # "cmd_velocity" is there only in flights of plans that send velocities: feed it forward, or refuse them.
+            vehicle.step(request["cmd"], request.get("cmd_velocity", [0.0] * 3))
         elif request.get("close"):  # exit 0 within 2 s
             return
         tip = add(vehicle.position, vehicle.arm, vehicle.length)

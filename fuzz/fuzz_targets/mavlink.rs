@@ -6,7 +6,7 @@
 #[path = "../../crates/flyvine-link/src/onboard/mavlink_packets.rs"]
 mod mavlink_packets;
 
-use flyvine::link::Mode;
+use flyvine::link::{Mode, Setpoint};
 use flyvine_link::autopilot::{AutopilotLink, Codec, LinkOptions, Profile, SigningKey};
 use libfuzzer_sys::fuzz_target;
 use mavlink_packets::PacketSplitter;
@@ -29,7 +29,11 @@ fuzz_target!(|data: &[u8]| {
             link.tick(0.5);
             link.receive(0.5, tail);
             link.tick(1.5);
-            link.send_setpoint(1.5, [0.0, 0.0, 1.5]);
+            let setpoint = Setpoint {
+                position: [0.0, 0.0, 1.5],
+                velocity: Some([0.1, 0.0, 0.0]),
+            };
+            link.send_setpoint(1.5, setpoint);
             let _ = link.take_notes();
             // What we say in answer can be read.
             let mut reader = Codec::new(options.identity, key);

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use flyvine::flight::Configuration;
-use flyvine::link::{Observation, Vehicle, VehicleError};
+use flyvine::link::{Observation, Setpoint, Vehicle, VehicleError};
 use flyvine::run::ArmShapes;
 use flyvine::sim::SimulatedVehicle;
 
@@ -42,8 +42,12 @@ impl Vehicle for WatchedVehicle {
         Ok(observation)
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
-        let observation = self.vehicle.step(command, configuration)?;
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
+        let observation = self.vehicle.step(setpoint, configuration)?;
         self.watch();
         Ok(observation)
     }
@@ -85,8 +89,12 @@ impl Vehicle for ShownVehicle {
         Ok(observation)
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
-        let observation = self.vehicle.step(command, configuration)?;
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
+        let observation = self.vehicle.step(setpoint, configuration)?;
         self.show();
         Ok(observation)
     }

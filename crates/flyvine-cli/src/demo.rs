@@ -7,13 +7,17 @@ use clap::Args;
 use flyvine::control::supervisor::{Limits, Room};
 use flyvine::control::{End, Flying, OpenLoop, Trajectory, fly, fly_plan};
 use flyvine::flight::{Corner, Flight, HygieneOptions, clean, write_flight};
+use flyvine::link::Feedforward;
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{Bank, FamilyOptions, FitOptions, check, rest_state};
 use flyvine::report::paper::{PublishedError, published_error};
 use flyvine::report::{Experiment, ExperimentKind, Results, RunSummary, Score};
 use flyvine::run::{experiment_folder, read_results, write_experiment, write_report};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
-use flyvine::task::{Plan, PlanOptions, Task, TrainingFlight, make_plan, test_flight, training_flights};
+use flyvine::task::{
+    CommandChange, Plan, PlanOptions, Task, TaskError, TrainingFlight, make_plan, test_flight,
+    training_flights,
+};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 
@@ -42,6 +46,12 @@ const TASKS: [&str; 13] = [
     include_str!("../../../examples/tasks/deploy_5s.toml"),
 ];
 
+/// What keeps commands smooth whose velocities are sent.
+const VELOCITY_CHANGE: CommandChange = CommandChange {
+    weight: 30.0,
+    max_m: None,
+};
+
 /// Do the paper's experiment on the built-in vehicle: train, fit, check, plan all 13 motions, fly them open loop, score
 /// them and write a report. Needs nothing, opens nothing, takes seconds on two cores with the paper's models
 /// (`--family lag`) and a minute or two with the physical ones.
@@ -56,6 +66,10 @@ pub struct DemoArguments {
     /// Family of the models that everything is planned on: `lag` is the paper's, `physical` predicts better.
     #[arg(long, value_enum, default_value_t = FamilyChoice::Lag)]
     family: FamilyChoice,
+    /// Send velocities beside positions, in training and in flight: the vehicle's velocity loop is fed forward. Training commands
+    /// are smoothed, and changes of commands have a price.
+    #[arg(long)]
+    feedforward: bool,
 }
 
 /// Runs `flyvine demo`.
@@ -68,9 +82,13 @@ pub fn run(arguments: &DemoArguments) -> CommandResult {
         ));
     }
     let seed = arguments.seed;
-    let recordings = fly_training(folder, seed)?;
+    let feedforward = match arguments.feedforward {
+        true => Feedforward::Velocity,
+        false => Feedforward::None,
+    };
+    let recordings = fly_training(folder, seed, feedforward)?;
     let (bank, mut outcome) = identify(folder, &recordings, arguments.family)?;
-    let plans = plan_tasks(&bank)?;
+    let plans = plan_tasks(&bank, feedforward)?;
     fly_plans(folder, &plans, seed)?;
 
     let summary = RunSummary {
@@ -110,17 +128,21 @@ struct Recordings {
     test: Vec<Flight>,
 }
 
-fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
+fn fly_training(folder: &Path, seed: u64, feedforward: Feedforward) -> Result<Recordings, Failure> {
     let jobs: Vec<(Corner, TrainingFlight)> = Corner::ALL
         .into_iter()
         .flat_map(|corner| {
             let flights = training_flights(seed).into_iter().chain([test_flight(seed)]);
-            flights.map(move |flight| (corner, flight))
+            flights.map(move |flight| match feedforward {
+                Feedforward::None => (corner, flight),
+                Feedforward::Velocity => (corner, flight.smoothed()),
+            })
         })
         .collect();
     let bar = progress(jobs.len() as u64, "training");
     let flights = in_parallel(&jobs, &bar, |index, (corner, training)| {
-        let mut flight = fly_commands(training, *corner, seed.wrapping_add(1000 + index as u64))?;
+        let seed = seed.wrapping_add(1000 + index as u64);
+        let mut flight = fly_commands(training, *corner, feedforward, seed)?;
         flight.name = format!("{}_{}", corner.label(), training.name);
         Ok(flight)
     })?;
@@ -146,7 +168,12 @@ fn fly_training(folder: &Path, seed: u64) -> Result<Recordings, Failure> {
 }
 
 /// Flies bare commands on the built-in vehicle.
-fn fly_commands(training: &TrainingFlight, corner: Corner, seed: u64) -> Result<Flight, Failure> {
+fn fly_commands(
+    training: &TrainingFlight,
+    corner: Corner,
+    feedforward: Feedforward,
+    seed: u64,
+) -> Result<Flight, Failure> {
     let configuration = corner.configuration();
     let knots = training.commands.len() + 1;
     let unbounded = f64::INFINITY;
@@ -158,7 +185,8 @@ fn fly_commands(training: &TrainingFlight, corner: Corner, seed: u64) -> Result<
         [-unbounded; 3],
         [unbounded; 3],
     )
-    .or_internal()?;
+    .or_internal()?
+    .with_feedforward(feedforward);
     // Training shows the model more than the tasks need, and the limp arm stretches in violent swings.
     let room = Room {
         x_m: [-2.5, 2.5],
@@ -211,11 +239,18 @@ fn identify(
     Ok((bank, say_outcome(&report)))
 }
 
-fn plan_tasks(bank: &Bank) -> Result<Vec<Plan>, Failure> {
+fn plan_tasks(bank: &Bank, feedforward: Feedforward) -> Result<Vec<Plan>, Failure> {
     let tasks = TASKS
         .iter()
-        .map(|text| Task::parse(text, "shipped task"))
-        .collect::<Result<Vec<_>, _>>()
+        .map(|text| {
+            let mut task = Task::parse(text, "shipped task")?;
+            if !feedforward.is_none() {
+                task.feedforward = feedforward;
+                task.command_change.get_or_insert(VELOCITY_CHANGE);
+            }
+            Ok(task)
+        })
+        .collect::<Result<Vec<_>, TaskError>>()
         .or_internal()?;
     let bar = progress(tasks.len() as u64, "planning");
     in_parallel(&tasks, &bar, |_, task| {

@@ -292,7 +292,7 @@ pub fn with_controller<R>(
     flight: impl FnOnce(&Trajectory, &mut (dyn Controller + Send)) -> R,
 ) -> Result<R, Failure> {
     let trajectory = Trajectory::of_plan(plan).or_input()?;
-    let model = plan.bank.scheduled(&plan.configurations).or_input()?;
+    let model = plan.model().or_input()?;
     let mut controller = controller(plan, &trajectory, &model, flying, limits).or_input()?;
     Ok(flight(&trajectory, controller.as_mut()))
 }

@@ -12,6 +12,7 @@ use flyvine::DT;
 use flyvine::control::supervisor::Reason;
 use flyvine::control::{End, Trajectory};
 use flyvine::flight::{Configuration, Flight, Problem, Sample, read_flight};
+use flyvine::link::Feedforward;
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine_link::rehearsal::{
     FaultKind, Phase, RehearsedFlight, Script, Verdict, one_fault, rehearse, wired_limits,
@@ -153,6 +154,7 @@ fn is_row(found: &Sample, flown: &Sample) -> bool {
     };
     let position = |sample: &Sample| sample.quadrotor.map(|pose| pose.position);
     (found.t_s, found.configuration, found.command) == (flown.t_s, flown.configuration, flown.command)
+        && found.command_velocity == flown.command_velocity
         && near(position(found), position(flown))
         && near(found.end_effector, flown.end_effector)
 }
@@ -364,4 +366,40 @@ fn every_fault_in_every_phase_ends_well() {
 #[ignore = "1920 flights: minutes"]
 fn every_fault_in_every_phase_ends_well_with_twenty_seeds() {
     campaign(1..=20);
+}
+
+/// Set-points with velocities arrive, are followed, and are in the recording; the vehicle is behind them far less.
+#[test]
+fn velocities_go_over_the_wires() {
+    let vehicle = SimulatedVehicle::new(VehicleParameters::default()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let behind_m = |feedforward: Feedforward| {
+        let trajectory = tracking().with_feedforward(feedforward);
+        let recording = folder.path().join(format!("{feedforward:?}.mcap"));
+        let verdict = fly_recorded(&vehicle, &trajectory, 1, Script::default(), Some(&recording));
+        let flight = &verdict.outcome.flight;
+        assert!(matches!(verdict.outcome.end, End::Completed) && verdict.down);
+        assert!(is_intact(&recording, flight));
+        let sends = |sample: &Sample| sample.command_velocity.is_some();
+        assert!(
+            flight
+                .samples
+                .iter()
+                .all(|row| sends(row) != feedforward.is_none())
+        );
+        let squares = flight.samples.iter().filter_map(|row| {
+            let at = row.quadrotor?.position;
+            Some(
+                (0..2)
+                    .map(|axis| (row.command[axis] - at[axis]).powi(2))
+                    .sum::<f64>(),
+            )
+        });
+        (squares.sum::<f64>() / flight.samples.len() as f64).sqrt()
+    };
+    let (with, without) = (behind_m(Feedforward::Velocity), behind_m(Feedforward::None));
+    assert!(
+        with < 0.7 * without,
+        "{with:.3} m behind with velocities, {without:.3} m without"
+    );
 }

@@ -86,7 +86,7 @@ fn autopilot_and_arm_on_serial_lines_are_ready_and_take_set_points() {
         let hears = std::rc::Rc::clone(&heard);
         base.listen(Box::new(move |heard| hears.set(Some(*heard))));
         for _ in 0..20 {
-            base.step([0.0, 0.0, 1.5], SHORT).unwrap();
+            base.step([0.0, 0.0, 1.5].into(), SHORT).unwrap();
         }
         stop.store(true, Ordering::Relaxed);
         (checklist, heard.get().unwrap())

@@ -76,8 +76,7 @@ fn build(plan: &Plan, flying: &Flying, limits: &Limits) -> PyResult<OwningContro
     let owner = Flown {
         trajectory: Trajectory::of_plan(plan).or_raise()?,
         model: plan
-            .bank
-            .scheduled(&plan.configurations)
+            .model()
             .map_err(flyvine::control::FlyingError::from)
             .or_raise()?,
     };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use flyvine::control::supervisor::Limits;
 use flyvine::flight::{Configuration, Pose};
 use flyvine::link::exec::{ExecOptions, ExecVehicle};
-use flyvine::link::{Observation, Vehicle, VehicleError};
+use flyvine::link::{Observation, Setpoint, Vehicle, VehicleError};
 use flyvine::run::{parse_vehicle_file, read_vehicle_file};
 use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use numpy::PyArray1;
@@ -67,21 +67,27 @@ impl PyVehicle {
             .or_raise()
     }
 
-    #[pyo3(signature = (command, length_m=0.7, pressure_kpa=0.0))]
+    #[pyo3(signature = (command, length_m=0.7, pressure_kpa=0.0, *, velocity=None))]
     fn step(
         &mut self,
         python: Python<'_>,
         command: Vector<'_>,
         length_m: f64,
         pressure_kpa: f64,
+        velocity: Option<Vector<'_>>,
     ) -> PyResult<PyObservation> {
-        let command = arrays::tuple("command", &command)?;
+        let setpoint = Setpoint {
+            position: arrays::tuple("command", &command)?,
+            velocity: velocity
+                .map(|velocity| arrays::tuple("velocity", &velocity))
+                .transpose()?,
+        };
         let configuration = Configuration {
             length_m,
             pressure_kpa,
         };
         python
-            .detach(|| self.vehicle.step(command, configuration))
+            .detach(|| self.vehicle.step(setpoint, configuration))
             .map(PyObservation)
             .or_raise()
     }
@@ -216,14 +222,24 @@ impl Vehicle for PythonVehicle {
         self.observe(|object| observation(object.call_method1("reset", (length_m, pressure_kpa, seed))?))
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
+    /// The velocity goes along as the keyword `velocity` where there is one: vehicles that know of none need not.
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
         let Configuration {
             length_m,
             pressure_kpa,
         } = configuration;
         self.observe(|object| {
-            let command = arrays::vector(object.py(), command.to_vec());
-            observation(object.call_method1("step", (command, length_m, pressure_kpa))?)
+            let array = |numbers: [f64; 3]| arrays::vector(object.py(), numbers.to_vec());
+            let keywords = pyo3::types::PyDict::new(object.py());
+            if let Some(velocity) = setpoint.velocity {
+                keywords.set_item("velocity", array(velocity))?;
+            }
+            let told = (array(setpoint.position), length_m, pressure_kpa);
+            observation(object.call_method("step", told, Some(&keywords))?)
         })
     }
 }

@@ -249,7 +249,7 @@ impl Sweep {
 
     fn check_flyable(&self, plan: &Plan, law: ControlLaw) -> Result<(), FlyingError> {
         let trajectory = Trajectory::of_plan(plan)?;
-        let model = plan.bank.scheduled(&plan.configurations)?;
+        let model = plan.model()?;
         controller(plan, &trajectory, &model, &self.flying(law), &self.parts.limits).map(|_| ())
     }
 

@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let steps: usize = arguments.next().map_or(Ok(100_000), |steps| steps.parse())?;
     let plan = read_plan(plan.as_ref())?;
     let trajectory = Trajectory::of_plan(&plan)?;
-    let model = plan.bank.scheduled(&plan.configurations)?;
+    let model = plan.model()?;
     let ready = ModelPredictive::new(
         &trajectory,
         &model,

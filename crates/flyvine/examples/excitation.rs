@@ -81,7 +81,7 @@ fn fly(name: &str, commands: &[[f64; 3]], seed: u64) -> Result<Flight, Box<dyn s
             quadrotor,
             end_effector,
         });
-        seen = vehicle.step(command, CONFIGURATION)?;
+        seen = vehicle.step(command.into(), CONFIGURATION)?;
     }
     let name = name.to_owned();
     let mut flight = Flight { name, samples };

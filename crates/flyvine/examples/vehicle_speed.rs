@@ -86,7 +86,7 @@ fn fly(parameters: &VehicleParameters, corner: Corner) -> Result<Vec<Vector3<f64
     let mut tips = Vec::with_capacity(ROWS);
     for k in 0..ROWS {
         let x = if k % 50 < 15 { 1.0 } else { 0.0 };
-        vehicle.step([x, 0.3 * x, 1.5], corner.configuration())?;
+        vehicle.step([x, 0.3 * x, 1.5].into(), corner.configuration())?;
         tips.push(vehicle.positions().1);
     }
     Ok(tips)

@@ -63,7 +63,7 @@ fn allocations(controller: &mut dyn Controller, model: &ScheduledModel, trajecto
 fn ticks_do_not_allocate() -> Result<(), EstimatorError> {
     let plan = plan();
     let trajectory = Trajectory::of_plan(&plan).unwrap();
-    let model = plan.bank.scheduled(&plan.configurations).unwrap();
+    let model = plan.model().unwrap();
     let mut tracking = Tracking::new(&trajectory, &model)?;
     assert_eq!(allocations(&mut tracking, &model, &trajectory), 0, "tracking");
     let room = Limits::default().room;
@@ -83,7 +83,7 @@ fn ticks_do_not_allocate() -> Result<(), EstimatorError> {
 fn a_plans_first_command_is_no_deviation_from_it() {
     let plan = plan();
     let trajectory = Trajectory::of_plan(&plan).unwrap();
-    let model = plan.bank.scheduled(&plan.configurations).unwrap();
+    let model = plan.model().unwrap();
     let weights = TrackingWeights {
         state: vec![1.0; model.state_len()],
         command: vec![1.0; 3],

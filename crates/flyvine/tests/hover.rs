@@ -48,7 +48,7 @@ fn the_least_damped_mode_is_what_is_left_of_a_nudge() {
     let tip: Vec<f64> = (0..1000)
         .map(|row| {
             let x = if row < 10 { 0.01 } else { 0.0 };
-            vehicle.step([x, 0.0, 1.5], configuration).expect("flies");
+            vehicle.step([x, 0.0, 1.5].into(), configuration).expect("flies");
             vehicle.positions().1.x
         })
         .collect();

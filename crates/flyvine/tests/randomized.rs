@@ -136,7 +136,7 @@ impl Case {
         let mut late = vec![];
         for row in 0..ROWS {
             if vehicle
-                .step(self.command(row, size), self.configuration(row))
+                .step(self.command(row, size).into(), self.configuration(row))
                 .is_err()
             {
                 return End::Diverged;
@@ -204,7 +204,7 @@ fn remaining_swing(parameters: &VehicleParameters, configuration: Configuration)
     let mut tips = vec![];
     for row in 0..200 {
         let x = if row < 4 { 0.05 } else { 0.0 };
-        if vehicle.step([x, 0.0, 1.5], configuration).is_err() {
+        if vehicle.step([x, 0.0, 1.5].into(), configuration).is_err() {
             return f64::INFINITY;
         }
         tips.push(vehicle.positions().1.x);

@@ -121,7 +121,7 @@ fn a_swing_from_before_the_flight_explains_the_oscillation() {
         [0.38 * share, 0.17 * share, flyvine::HOVER_HEIGHT_M]
     };
     nudged.commands.splice(0..0, (0..before).map(hover));
-    nudged.velocities.splice(0..0, vec![[0.0; 3]; before]);
+    nudged.velocities.splice(0..0, vec![None; before]);
     nudged
         .configurations
         .splice(0..0, vec![at_rest.configurations[0]; before]);

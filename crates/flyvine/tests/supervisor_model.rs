@@ -26,6 +26,7 @@ const LIMITS: Limits = Limits {
     reach_margin_m: 0.1,
     quadrotor_speed_max_m_s: 8.0,
     end_effector_speed_max_m_s: 12.0,
+    command_speed_max_m_s: 6.0,
     autopilot_silence_s: Some(0.25),
     arm_silence_s: Some(0.25),
     hold_s: 0.3,
@@ -230,7 +231,7 @@ impl World {
     fn tick(&mut self, happens: Happens) {
         self.history.push(happens);
         let before = (self.supervisor.state(), self.supervisor.reason().is_some());
-        let held = self.supervisor.setpoint();
+        let held = self.supervisor.setpoint().position;
         self.now_s += TICK_S;
         let told_s = if happens == ClockBack {
             self.now_s - 1.0
@@ -311,7 +312,10 @@ impl World {
         let history = &self.history;
         // Whatever leaves is in the room, and something leaves until the stop.
         match self.order.setpoint {
-            Some(setpoint) => assert!(LIMITS.room.holds_quadrotor(setpoint), "{setpoint:?} {history:?}"),
+            Some(setpoint) => assert!(
+                LIMITS.room.holds_quadrotor(setpoint.position),
+                "{setpoint:?} {history:?}"
+            ),
             None => assert_eq!(state, State::Stopped, "{history:?}"),
         }
         assert_eq!(
@@ -351,7 +355,11 @@ impl World {
         if matches!(state, State::Holding | State::AutopilotHold) {
             assert!(reason.is_some(), "{history:?}");
             if before.1 {
-                assert_eq!(self.supervisor.setpoint(), held, "a hold that moves: {history:?}");
+                assert_eq!(
+                    self.supervisor.setpoint().position,
+                    held,
+                    "a hold that moves: {history:?}"
+                );
             }
         }
         // Whatever is believed was seen, this tick, and is finite. The first datagram of all is not an old one.

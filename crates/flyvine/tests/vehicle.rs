@@ -1,7 +1,7 @@
 //! The simulated vehicle as a whole.
 
 use flyvine::flight::Configuration;
-use flyvine::link::Vehicle;
+use flyvine::link::{Setpoint, Vehicle};
 use flyvine::sim::autopilot::Law;
 use flyvine::sim::contact::BallParameters;
 use flyvine::sim::{ParameterError, SimulatedVehicle, VehicleParameters, free};
@@ -22,7 +22,9 @@ fn hover_is_an_equilibrium() {
         let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).expect("defaults are valid");
         vehicle.reset(corner(index), 1).expect("a corner is in range");
         for _ in 0..400 {
-            vehicle.step([0.0, 0.0, 1.5], corner(index)).expect("flies");
+            vehicle
+                .step([0.0, 0.0, 1.5].into(), corner(index))
+                .expect("flies");
         }
         let truth = vehicle.truth();
         let [x, y, z] = truth.quadrotor.position;
@@ -40,7 +42,9 @@ fn a_step_settles_in_every_corner() {
         vehicle.reset(corner(index), 1).expect("a corner is in range");
         let mut late = 0.0_f64;
         for k in 0..400 {
-            vehicle.step([0.5, 0.0, 1.5], corner(index)).expect("flies");
+            vehicle
+                .step([0.5, 0.0, 1.5].into(), corner(index))
+                .expect("flies");
             if k > 300 {
                 late = late.max((vehicle.truth().end_effector[0] - 0.5).abs());
             }
@@ -60,7 +64,7 @@ fn same_seed_same_bits() {
         for k in 0..100 {
             rows.push(
                 vehicle
-                    .step([0.01 * f64::from(k), 0.0, 1.5], corner(3))
+                    .step([0.01 * f64::from(k), 0.0, 1.5].into(), corner(3))
                     .expect("flies"),
             );
         }
@@ -101,7 +105,7 @@ fn deploys_from_short_and_empty_to_long_and_inflated() {
             pressure_kpa: 0.4 * share,
         };
         vehicle
-            .step([0.0, 0.0, 1.5 + 0.3 * share], wanted)
+            .step([0.0, 0.0, 1.5 + 0.3 * share].into(), wanted)
             .expect("flies");
         let now = vehicle.truth().configuration;
         assert!(
@@ -123,7 +127,7 @@ fn growth_rate_is_limited() {
     let mut vehicle = SimulatedVehicle::new(VehicleParameters::default()).expect("defaults are valid");
     vehicle.reset(corner(0), 1).expect("a corner is in range");
     for _ in 0..100 {
-        vehicle.step([0.0, 0.0, 1.5], corner(2)).expect("flies");
+        vehicle.step([0.0, 0.0, 1.5].into(), corner(2)).expect("flies");
     }
     let length = vehicle.truth().configuration.length_m;
     assert!((0.79..=0.80).contains(&length), "after 5 s at 2 cm/s: {length}");
@@ -139,7 +143,7 @@ fn missed_poses_are_counted() {
     let before = vehicle.truth().mocap_faults;
     let (mut missed, mut repeated, mut last) = (0, 0, None);
     for _ in 0..1000 {
-        let seen = vehicle.step([0.0, 0.0, 1.5], corner(0)).expect("flies");
+        let seen = vehicle.step([0.0, 0.0, 1.5].into(), corner(0)).expect("flies");
         missed += usize::from(seen.quadrotor.is_none()) + usize::from(seen.end_effector.is_none());
         repeated += usize::from(seen.end_effector.is_some() && seen.end_effector == last);
         last = seen.end_effector.or(last);
@@ -299,8 +303,8 @@ fn bad_commands_are_refused() {
             .is_err()
     );
     vehicle.reset(corner(0), 0).expect("a corner is in range");
-    assert!(vehicle.step([f64::NAN, 0.0, 1.5], corner(0)).is_err());
-    assert!(vehicle.step([0.0, 0.0, 1.5], corner(0)).is_ok());
+    assert!(vehicle.step([f64::NAN, 0.0, 1.5].into(), corner(0)).is_err());
+    assert!(vehicle.step([0.0, 0.0, 1.5].into(), corner(0)).is_ok());
 }
 
 /// The second flight controller has another structure, but the same job.
@@ -312,7 +316,9 @@ fn geometric_law_hovers_and_follows() {
         let mut vehicle = SimulatedVehicle::new(parameters).expect("valid");
         vehicle.reset(corner(index), 1).expect("a corner is in range");
         for _ in 0..300 {
-            vehicle.step([0.5, 0.2, 1.6], corner(index)).expect("flies");
+            vehicle
+                .step([0.5, 0.2, 1.6].into(), corner(index))
+                .expect("flies");
         }
         let [x, y, z] = vehicle.truth().quadrotor.position;
         let miss = (x - 0.5).abs().max((y - 0.2).abs()).max((z - 1.6).abs());
@@ -327,7 +333,7 @@ fn heading_drifts_with_its_estimate() {
     let mut vehicle = SimulatedVehicle::new(parameters).expect("valid");
     vehicle.reset(corner(0), 1).expect("a corner is in range");
     for _ in 0..400 {
-        vehicle.step([0.0, 0.0, 1.5], corner(0)).expect("flies");
+        vehicle.step([0.0, 0.0, 1.5].into(), corner(0)).expect("flies");
     }
     let yaw = (2.0 * vehicle.truth().quadrotor.attitude[3]).to_degrees();
     assert!(
@@ -344,7 +350,7 @@ fn sagging_battery_is_made_up_for() {
     let mut vehicle = SimulatedVehicle::new(parameters).expect("valid");
     vehicle.reset(corner(0), 1).expect("a corner is in range");
     for _ in 0..600 {
-        vehicle.step([0.0, 0.0, 1.5], corner(0)).expect("flies");
+        vehicle.step([0.0, 0.0, 1.5].into(), corner(0)).expect("flies");
     }
     let height = vehicle.truth().quadrotor.position[2];
     assert!(
@@ -366,11 +372,11 @@ fn kicks_a_ball() {
     let mut vehicle = SimulatedVehicle::new(parameters).expect("valid");
     vehicle.reset(corner(0), 1).expect("a corner is in range");
     for _ in 0..20 {
-        vehicle.step([0.0, 0.0, 1.5], corner(0)).expect("flies");
+        vehicle.step([0.0, 0.0, 1.5].into(), corner(0)).expect("flies");
     }
     assert_eq!(vehicle.truth().ball, Some([1.0, 0.0, 0.8]));
     for _ in 0..60 {
-        vehicle.step([1.5, 0.0, 1.5], corner(0)).expect("flies");
+        vehicle.step([1.5, 0.0, 1.5].into(), corner(0)).expect("flies");
     }
     let [x, _, z] = vehicle.truth().ball.expect("there is a ball");
     assert!(
@@ -388,7 +394,7 @@ fn tip_stands_on_the_floor() {
     vehicle.reset(corner(0), 1).expect("a corner is in range");
     for k in 0..100 {
         vehicle
-            .step([0.0, 0.0, 1.5 - 0.001 * f64::from(k)], corner(0))
+            .step([0.0, 0.0, 1.5 - 0.001 * f64::from(k)].into(), corner(0))
             .expect("flies");
     }
     let truth = vehicle.truth();
@@ -407,7 +413,7 @@ fn late_and_mistaken_poses() {
         vehicle.reset(corner(0), 1).expect("a corner is in range");
         let mut seen = vec![];
         for _ in 0..40 {
-            let observation = vehicle.step([1.0, 0.0, 1.5], corner(0)).expect("flies");
+            let observation = vehicle.step([1.0, 0.0, 1.5].into(), corner(0)).expect("flies");
             seen.push(observation.quadrotor.expect("no dropouts").position);
         }
         (seen, vehicle.truth().mocap_faults.swapped)
@@ -430,7 +436,7 @@ fn poses_come_at_the_cameras_rate() {
     vehicle.reset(corner(0), 1).expect("a corner is in range");
     let mut seen = vec![];
     for _ in 0..40 {
-        let observation = vehicle.step([1.0, 0.0, 1.5], corner(0)).expect("flies");
+        let observation = vehicle.step([1.0, 0.0, 1.5].into(), corner(0)).expect("flies");
         seen.push(observation.end_effector);
     }
     seen.dedup();
@@ -446,7 +452,7 @@ fn lost_commands_are_counted_and_change_nothing_else() {
         vehicle.reset(corner(0), 1).expect("a corner is in range");
         for k in 0..200 {
             vehicle
-                .step([0.002 * f64::from(k), 0.0, 1.5], corner(0))
+                .step([0.002 * f64::from(k), 0.0, 1.5].into(), corner(0))
                 .expect("flies");
         }
         let truth = vehicle.truth();
@@ -474,14 +480,11 @@ fn velocity_feed_forward_makes_up_for_the_lag() {
             let mut command = 0.0;
             for k in 0..160 {
                 command = speed * flyvine::DT * f64::from(k);
-                vehicle
-                    .advance_with_velocity(
-                        [command, 0.0, 1.5],
-                        [fed_forward, 0.0, 0.0],
-                        corner(3),
-                        flyvine::DT,
-                    )
-                    .expect("flies");
+                let setpoint = Setpoint {
+                    position: [command, 0.0, 1.5],
+                    velocity: Some([fed_forward, 0.0, 0.0]),
+                };
+                vehicle.step(setpoint, corner(3)).expect("flies");
             }
             command - vehicle.truth().quadrotor.position[0]
         };
@@ -505,7 +508,9 @@ fn default_step_is_converged() {
         (0..100)
             .map(|k| {
                 let x = if k % 50 < 15 { 1.0 } else { 0.0 };
-                vehicle.step([x, 0.3 * x, 1.5], corner(index)).expect("flies");
+                vehicle
+                    .step([x, 0.3 * x, 1.5].into(), corner(index))
+                    .expect("flies");
                 vehicle.truth().end_effector
             })
             .collect::<Vec<_>>()

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use flyvine::DT;
 use flyvine::flight::Configuration;
-use flyvine::link::{Observation, Vehicle, VehicleError};
+use flyvine::link::{Observation, Setpoint, Vehicle, VehicleError};
 
 /// A vehicle whose step k is not answered before k [`DT`] have passed since the reset: what flies faster than real time
 /// flies in real time, what is slower stays slower.
@@ -33,8 +33,12 @@ impl Vehicle for PacedVehicle {
         Ok(observation)
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
-        let observation = self.vehicle.step(command, configuration);
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
+        let observation = self.vehicle.step(setpoint, configuration);
         self.steps += 1;
         let due = self.started + self.steps * Duration::from_secs_f64(DT);
         std::thread::sleep(due.saturating_duration_since(Instant::now()));

@@ -46,7 +46,7 @@ pub fn dry_run(
         quadrotor: observation.quadrotor.map_or(quadrotor, |pose| pose.position),
         end_effector: observation.end_effector.unwrap_or(end_effector),
     };
-    let mut supervisor = Supervisor::standing(limits, start)?;
+    let mut supervisor = Supervisor::standing(limits, start)?.with_feedforward(trajectory.feedforward());
     let mut setpoints = 0;
     // The arm stays as it is: it is a vehicle on the ground.
     let configuration = trajectory.configuration(0);

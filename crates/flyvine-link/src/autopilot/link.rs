@@ -5,7 +5,7 @@
 //! leaves when somebody who knows how old the pose is hands it over, and at no other time.
 
 use flyvine::flight::Pose;
-use flyvine::link::Mode;
+use flyvine::link::{Mode, Setpoint};
 use mavlink::dialects::common::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult, TIMESYNC_DATA};
 
 use super::codec::{Codec, Identity, SigningKey};
@@ -231,8 +231,8 @@ impl AutopilotLink {
         self.pursue_mode(now_s, autopilot);
     }
 
-    /// Sends a position set-point, m, ENU.
-    pub fn send_setpoint(&mut self, now_s: f64, position: [f64; 3]) {
+    /// Sends a set-point, ENU.
+    pub fn send_setpoint(&mut self, now_s: f64, setpoint: Setpoint) {
         let Some(autopilot) = self.telemetry.identity else {
             return;
         };
@@ -242,7 +242,7 @@ impl AutopilotLink {
             return;
         }
         let LinkOptions { profile, yaw, .. } = self.options;
-        let message = messages::setpoint(autopilot, profile, position, yaw, milliseconds(now_s));
+        let message = messages::setpoint(autopilot, profile, setpoint, yaw, milliseconds(now_s));
         self.send(&message);
     }
 

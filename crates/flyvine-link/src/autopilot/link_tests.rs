@@ -224,7 +224,7 @@ fn guided_takes_off_by_itself_before_it_is_given_set_points() {
     wire.heartbeat(guided, false);
     assert!(commands(&wire.run(0.1)).contains(&(ARM, [1.0, 0.0, 0.0])));
     wire.heartbeat(guided, true);
-    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5]);
+    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5].into());
     let sent = wire.run(0.1);
     let take_off = sent.iter().find_map(|message| match message {
         MavMessage::COMMAND_LONG(data) if data.command == MavCmd::MAV_CMD_NAV_TAKEOFF => Some(data.param7),
@@ -235,7 +235,7 @@ fn guided_takes_off_by_itself_before_it_is_given_set_points() {
         (Some(0.8), 0, None)
     );
     wire.ground(false);
-    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5]);
+    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5].into());
     let sent = wire.run(2.0);
     assert_eq!((setpoints(&sent), wire.link.mode()), (1, Some(Mode::Offboard)));
     assert!(
@@ -265,7 +265,7 @@ fn ardupilot_comes_down_by_its_own_modes_and_says_its_parameters_as_numbers() {
     wire.ground(false);
     assert_eq!(wire.link.mode(), Some(Mode::Offboard));
     wire.sent();
-    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5]);
+    wire.link.send_setpoint(wire.now_s, [0.0, 0.0, 1.5].into());
     assert_eq!(setpoints(&wire.sent()), 1);
 
     // The abort ladder: BRAKE, which it may refuse, and LAND all the same.
@@ -297,7 +297,7 @@ fn a_set_point_is_in_ned_with_the_mask_of_its_position() {
     let mut wire = Wire::new(Profile::Px4);
     wire.heartbeat(0, false);
     wire.sent();
-    wire.link.send_setpoint(wire.now_s, [1.0, 2.0, 1.5]);
+    wire.link.send_setpoint(wire.now_s, [1.0, 2.0, 1.5].into());
     let sent = wire.sent();
     let [MavMessage::SET_POSITION_TARGET_LOCAL_NED(data)] = &sent[..] else {
         panic!("{sent:?}")
@@ -309,6 +309,29 @@ fn a_set_point_is_in_ned_with_the_mask_of_its_position() {
         "facing east"
     );
     assert_eq!((data.target_system, data.type_mask.bits()), (1, 0x9F8));
+    assert_eq!([data.vx, data.vy, data.vz], [0.0; 3]);
+}
+
+#[test]
+fn a_velocity_goes_along_in_ned_and_the_mask_says_so() {
+    for profile in [Profile::Px4, Profile::ArduPilot] {
+        let mut wire = Wire::new(profile);
+        wire.heartbeat(0, false);
+        wire.sent();
+        let setpoint = Setpoint {
+            position: [1.0, 2.0, 1.5],
+            velocity: Some([0.5, -0.25, 0.125]),
+        };
+        wire.link.send_setpoint(wire.now_s, setpoint);
+        let sent = wire.sent();
+        let [MavMessage::SET_POSITION_TARGET_LOCAL_NED(data)] = &sent[..] else {
+            panic!("{sent:?}")
+        };
+        assert_eq!([data.x, data.y, data.z], [2.0, 1.0, -1.5]);
+        assert_eq!([data.vx, data.vy, data.vz], [-0.25, 0.5, -0.125]);
+        assert_eq!([data.afx, data.afy, data.afz, data.yaw_rate], [0.0; 4]);
+        assert_eq!(data.type_mask.bits(), 0x9C0);
+    }
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The messages that go out, each built in one place.
 
 use flyvine::flight::Pose;
+use flyvine::link::Setpoint;
 use mavlink::dialects::common::{
     COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavEstimatorType, MavFrame, MavMessage,
     MavModeFlag, MavState, MavType, ODOMETRY_DATA, PARAM_REQUEST_READ_DATA,
@@ -92,22 +93,26 @@ pub(super) fn set_origin(to: Identity, origin: &GlobalOrigin, now_us: u64) -> Ma
     })
 }
 
-/// A position set-point: `position` in ENU, m; `yaw` in ENU, rad.
+/// A set-point in ENU; `yaw` in ENU, rad.
 pub(super) fn setpoint(
     to: Identity,
     profile: Profile,
-    position: [f64; 3],
+    setpoint: Setpoint,
     yaw: f64,
     now_ms: u32,
 ) -> MavMessage {
-    let [x, y, z] = ned_from_enu(position).map(|x| x as f32);
+    let [x, y, z] = ned_from_enu(setpoint.position).map(|x| x as f32);
+    let [vx, vy, vz] = ned_from_enu(setpoint.velocity.unwrap_or_default()).map(|v| v as f32);
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
         time_boot_ms: now_ms,
         x,
         y,
         z,
+        vx,
+        vy,
+        vz,
         yaw: ned_yaw_from_enu(yaw) as f32,
-        type_mask: profile.setpoint_mask(),
+        type_mask: profile.setpoint_mask(setpoint.velocity.is_some()),
         target_system: to.system,
         target_component: to.component,
         coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,

@@ -93,17 +93,18 @@ impl Profile {
         }
     }
 
-    /// Fields of a set-point that the autopilot shall ignore: all but position and yaw. The ignored fields are zero: it is
-    /// the mask that counts, and a NaN is refused by some versions.
-    pub fn setpoint_mask(self) -> PositionTargetTypemask {
+    /// Fields of a set-point that the autopilot shall ignore: all but position and yaw, and velocity where one is sent. The
+    /// ignored fields are zero: it is the mask that counts, and a NaN is refused by some versions.
+    pub fn setpoint_mask(self, with_velocity: bool) -> PositionTargetTypemask {
         use PositionTargetTypemask as Mask;
-        Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE
+        let velocity = Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE
             | Mask::POSITION_TARGET_TYPEMASK_VY_IGNORE
-            | Mask::POSITION_TARGET_TYPEMASK_VZ_IGNORE
-            | Mask::POSITION_TARGET_TYPEMASK_AX_IGNORE
+            | Mask::POSITION_TARGET_TYPEMASK_VZ_IGNORE;
+        let others = Mask::POSITION_TARGET_TYPEMASK_AX_IGNORE
             | Mask::POSITION_TARGET_TYPEMASK_AY_IGNORE
             | Mask::POSITION_TARGET_TYPEMASK_AZ_IGNORE
-            | Mask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+            | Mask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
+        if with_velocity { others } else { velocity | others }
     }
 
     /// Height of a take-off command that must come before set-points, m above the ground: GUIDED ignores set-points on the
@@ -149,6 +150,7 @@ mod tests {
 
     #[test]
     fn the_mask_is_the_one_that_ground_stations_send() {
-        assert_eq!(Profile::Px4.setpoint_mask().bits(), 0x9F8);
+        assert_eq!(Profile::Px4.setpoint_mask(false).bits(), 0x9F8);
+        assert_eq!(Profile::Px4.setpoint_mask(true).bits(), 0x9C0);
     }
 }

@@ -7,7 +7,7 @@ use flyvine::DT;
 use flyvine::control::Trajectory;
 use flyvine::control::supervisor::Limits;
 use flyvine::flight::Configuration;
-use flyvine::link::{Captured, Fault, Health, Mode, Observation, Vehicle, VehicleError};
+use flyvine::link::{Captured, Fault, Health, Mode, Observation, Setpoint, Vehicle, VehicleError};
 
 use super::arm_link::{ArmLink, ArmTelemetry, growth_rate};
 use super::checklist::{Checklist, Weight};
@@ -330,9 +330,13 @@ impl Vehicle for AutopilotVehicle {
         Ok(self.observe())
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
         let now_s = self.station.clock.now_s();
-        self.link.send_setpoint(now_s, command);
+        self.link.send_setpoint(now_s, setpoint);
         self.flush(now_s);
         self.times.sent(now_s);
         self.command_arm(now_s, configuration);

@@ -1,7 +1,7 @@
 //! A simulated vehicle in lockstep with the phase of one in real time.
 
 use flyvine::flight::Configuration;
-use flyvine::link::{Observation, Vehicle, VehicleError};
+use flyvine::link::{Observation, Setpoint, Vehicle, VehicleError};
 use flyvine::sim::SimulatedVehicle;
 
 /// A vehicle in lockstep whose position loop runs as long before the set-points as it did in a flight in real time.
@@ -32,8 +32,12 @@ impl Vehicle for PhasedVehicle {
         Ok(Observation { t_s: 0.0, ..hovering })
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
-        let seen = self.vehicle.step(command, configuration)?;
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
+        let seen = self.vehicle.step(setpoint, configuration)?;
         Ok(Observation {
             t_s: seen.t_s - self.loop_phase_s,
             ..seen

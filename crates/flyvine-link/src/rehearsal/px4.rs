@@ -11,6 +11,8 @@ use mavlink::dialects::common::{
     SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 
+use flyvine::link::Setpoint;
+
 use super::px4_telemetry::{Sensed, Streams};
 use crate::autopilot::{Codec, Identity, SigningKey, ned_from_enu, px4_mode};
 
@@ -26,8 +28,9 @@ const DISARM_S: f64 = 1.0;
 const REBOOT_S: f64 = 3.0;
 /// MIS_TAKEOFF_ALT, m.
 const TAKE_OFF_M: f64 = 1.5;
-/// Bits of a set-point's mask that ignore its position.
+/// Bits of a set-point's mask that ignore its position and its velocity.
 const POSITION_IGNORED: u16 = 0b111;
+const VELOCITY_IGNORED: u16 = 0b111_000;
 
 /// Main mode and, within AUTO, sub-mode.
 type CustomMode = (u8, u8);
@@ -53,6 +56,8 @@ pub struct ReceivedSetpoint {
     pub t_s: f64,
     /// Position, m, ENU.
     pub position: [f64; 3],
+    /// Velocity, m/s, ENU, where the mask has one.
+    pub velocity: Option<[f64; 3]>,
     /// Whether it was followed: armed, in OFFBOARD.
     pub followed: bool,
 }
@@ -64,7 +69,7 @@ pub struct SimulatedPx4 {
     pub(super) parameters: BTreeMap<&'static str, Parameter>,
     mode: CustomMode,
     armed: bool,
-    setpoint: Option<(f64, [f64; 3])>,
+    setpoint: Option<(f64, Setpoint)>,
     vision_s: f64,
     /// Where the local frame's origin is on Earth: latitude and longitude, 1e-7 degrees, altitude, mm.
     origin: Option<[i32; 3]>,
@@ -127,9 +132,9 @@ impl SimulatedPx4 {
         self.armed && self.mode == OFFBOARD
     }
 
-    /// The newest set-point, m, ENU.
+    /// The position of the newest set-point, m, ENU.
     pub fn setpoint(&self) -> Option<[f64; 3]> {
-        self.setpoint.map(|(_, position)| position)
+        self.setpoint.map(|(_, setpoint)| setpoint.position)
     }
 
     /// All set-points that arrived since the last call.
@@ -158,14 +163,14 @@ impl SimulatedPx4 {
         };
     }
 
-    /// Where the position controller is to go, m, ENU; `None` with the motors off.
-    pub fn target(&self) -> Option<[f64; 3]> {
+    /// Where the position controller is to go, ENU; `None` with the motors off.
+    pub fn target(&self) -> Option<Setpoint> {
         if !self.armed {
             return None;
         }
         match self.mode {
-            OFFBOARD => Some(self.setpoint.map_or(self.anchor, |(_, position)| position)),
-            _ => Some(self.anchor),
+            OFFBOARD => Some(self.setpoint.map_or(self.anchor.into(), |(_, setpoint)| setpoint)),
+            _ => Some(self.anchor.into()),
         }
     }
 
@@ -276,10 +281,19 @@ impl SimulatedPx4 {
         if ignored || !is_for_us || !position.iter().all(|x| x.is_finite()) {
             return;
         }
-        self.setpoint = Some((now_s, position));
+        // A velocity that is ignored, wholly or in part, or is not finite, is none.
+        let velocity = ned_from_enu([data.vx, data.vy, data.vz].map(f64::from));
+        let is_heard =
+            data.type_mask.bits() & VELOCITY_IGNORED == 0 && velocity.iter().all(|v| v.is_finite());
+        let setpoint = Setpoint {
+            position,
+            velocity: is_heard.then_some(velocity),
+        };
+        self.setpoint = Some((now_s, setpoint));
         self.received.push(ReceivedSetpoint {
             t_s: now_s,
             position,
+            velocity: setpoint.velocity,
             followed: self.is_offboard(),
         });
     }

@@ -92,7 +92,7 @@ impl Rig {
         // Down to the platform before anybody looks.
         let platform = [0.0, 0.0, platform_m(configuration)];
         for _ in 0..(SETTLING_S / DT) as usize {
-            vehicle.step(platform, configuration)?;
+            vehicle.step(platform.into(), configuration)?;
         }
         let seen = vehicle.advance(platform, configuration, 0.0)?;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -262,7 +262,7 @@ impl Rig {
         let ground_m = platform_m(self.configuration);
         let target = self.px4.target();
         match target {
-            Some(target) if target[2] > position[2] + LIFT_M => self.flying = true,
+            Some(target) if target.position[2] > position[2] + LIFT_M => self.flying = true,
             _ => (),
         }
         // It has to leave the ground before it can land.
@@ -276,7 +276,7 @@ impl Rig {
         }
         // Without motors it falls; as far as this physics can fall.
         let [x, y, z] = position;
-        let command = target.unwrap_or([x, y, z - FALL_M]);
+        let command = target.unwrap_or([x, y, z - FALL_M].into());
         self.seen = self.vehicle.advance(command, self.configuration, PERIOD_S)?;
         Ok(())
     }

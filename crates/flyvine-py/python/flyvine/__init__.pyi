@@ -203,8 +203,15 @@ class Vehicle:
     @property
     def parameters(self) -> dict[str, Any]: ...
     def reset(self, length_m: float = 0.7, pressure_kpa: float = 0.0, seed: int = 1) -> Observation: ...
-    def step(self, command: ArrayLike, length_m: float = 0.7, pressure_kpa: float = 0.0) -> Observation:
-        """Holds ``command`` (3,), m, for ``DT``."""
+    def step(
+        self,
+        command: ArrayLike,
+        length_m: float = 0.7,
+        pressure_kpa: float = 0.0,
+        *,
+        velocity: ArrayLike | None = None,
+    ) -> Observation:
+        """Holds ``command`` (3,), m, for ``DT``; ``velocity`` (3,), m/s, is fed forward."""
     def truth(self) -> dict[str, Any]:
         """Without noise: ``t_s``, ``quadrotor`` (7,), ``end_effector`` (3,), ``nodes`` of the arm (links + 1, 3),
         ``configuration`` (2,)."""
@@ -215,7 +222,8 @@ class VehicleLike(Protocol):
     def reset(self, length_m: float, pressure_kpa: float, seed: int) -> Observation:
         """Hover at (0, 0, 1.5) with the arm at rest."""
     def step(self, command: Array, length_m: float, pressure_kpa: float) -> Observation:
-        """Hold ``command`` (3,), m, for ``DT``."""
+        """Hold ``command`` (3,), m, for ``DT``. Plans with ``feedforward = "velocity"`` pass ``velocity`` (3,), m/s, as a
+        keyword; others do not."""
 
 class ControllerLike(Protocol):
     """Anybody's control law: :func:`fly` asks it at every knot."""

@@ -118,7 +118,8 @@ pub fn fly_watched(
             quadrotor,
             end_effector,
         },
-    )?;
+    )?
+    .with_feedforward(trajectory.feedforward());
     let mut samples = Vec::with_capacity(trajectory.knots());
     let mut steps: Vec<ControlStep> = Vec::with_capacity(trajectory.knots());
     let mut events = Vec::new();
@@ -153,7 +154,7 @@ pub fn fly_watched(
         if let Some(health) = &health {
             supervisor.hear(health);
         }
-        let held_command = supervisor.setpoint();
+        let held_command = supervisor.setpoint().position;
         let credible = supervisor.observe(now_s, &observation, configuration);
         if let (Some(climb), Some(health)) = (&mut take_off, &health) {
             climb.watch(&mut supervisor, health, &credible);
@@ -189,14 +190,14 @@ pub fn fly_watched(
             None => Proposal::Command(held_command),
         };
         let order = supervisor.decide(now_s, proposal);
-        let Some(command) = order.setpoint else {
+        let Some(setpoint) = order.setpoint else {
             break;
         };
         let sample = Sample {
             t_s: now_s - origin_s,
             configuration,
-            command,
-            command_velocity: None,
+            command: setpoint.position,
+            command_velocity: setpoint.velocity,
             quadrotor: observation.quadrotor,
             end_effector: observation.end_effector,
         };
@@ -224,7 +225,7 @@ pub fn fly_watched(
         if health.is_some() {
             vehicle.set_mode(order.mode);
         }
-        answer = vehicle.step(command, configuration);
+        answer = vehicle.step(setpoint, configuration);
         if take_off.is_none() {
             row += 1;
         }
@@ -281,11 +282,12 @@ fn supervise_from(
         quadrotor: observation.quadrotor.map_or(quadrotor, |pose| pose.position),
         end_effector: observation.end_effector.unwrap_or(end_effector),
     };
-    if health.standing {
+    let supervisor = if health.standing {
         Supervisor::standing(limits, start)
     } else {
         Supervisor::new(limits, start)
-    }
+    };
+    Ok(supervisor?.with_feedforward(trajectory.feedforward()))
 }
 
 #[cfg(test)]

@@ -94,6 +94,16 @@ pub enum FlyingError {
     /// The limits are bad, or the plan starts outside the room.
     #[error(transparent)]
     Supervisor(#[from] SupervisorError),
+    /// The law feeds poses back to commands whose velocities the plan sends.
+    #[error(
+        "feedforward: found a plan that sends velocities and --controller {}, expected open-loop or mpc: the velocities \
+         of commands that follow every pose shake the vehicle",
+        .law.name()
+    )]
+    Feedforward {
+        /// The law.
+        law: ControlLaw,
+    },
 }
 
 /// The controller that `flying` asks for, on the `trajectory` of `plan` and the `model` that it was planned on.
@@ -107,6 +117,10 @@ pub fn controller<'a>(
     flying: &Flying,
     limits: &Limits,
 ) -> Result<Box<dyn Controller + Send + 'a>, FlyingError> {
+    let follows_every_pose = matches!(flying.law, ControlLaw::Tracking | ControlLaw::Replan);
+    if follows_every_pose && !trajectory.feedforward().is_none() {
+        return Err(FlyingError::Feedforward { law: flying.law });
+    }
     Ok(match flying.law {
         ControlLaw::OpenLoop => Box::new(OpenLoop::new(trajectory)),
         ControlLaw::Tracking => Box::new(Tracking::new(trajectory, model)?),
@@ -162,7 +176,7 @@ pub fn fly_plan_watched(
     watch: &mut dyn FnMut(&FlownRow),
 ) -> Result<FlightOutcome, FlyingError> {
     let trajectory = Trajectory::of_plan(plan)?;
-    let model = plan.bank.scheduled(&plan.configurations)?;
+    let model = plan.model()?;
     let mut controller = controller(plan, &trajectory, &model, flying, &limits)?;
     let controller = controller.as_mut();
     let mut outcome = fly_watched(&trajectory, controller, limits, vehicle, seed, progress, watch)?;

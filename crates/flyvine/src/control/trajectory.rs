@@ -1,6 +1,7 @@
 //! What is flown: the part of a plan that control needs.
 
 use crate::flight::Configuration;
+use crate::link::Feedforward;
 use crate::task::Plan;
 
 /// Entries of the state x at one instant: quadrotor position, attitude vector part, end-effector position.
@@ -16,6 +17,7 @@ pub struct Trajectory {
     configurations: Vec<Configuration>,
     command_lower: [f64; 3],
     command_upper: [f64; 3],
+    feedforward: Feedforward,
 }
 
 /// Arrays that do not make a trajectory.
@@ -56,17 +58,18 @@ pub enum TrajectoryError {
 }
 
 impl Trajectory {
-    /// The trajectory of a plan, with feedback within the command bounds of its task.
+    /// The trajectory of a plan, with feedback within the command bounds of its task and its task's feed-forward.
     pub fn of_plan(plan: &Plan) -> Result<Self, TrajectoryError> {
         let bounds = plan.task.command_bounds();
-        Self::new(
+        let trajectory = Self::new(
             plan.commands.clone(),
             plan.states.clone(),
             plan.gains.clone(),
             plan.configurations.clone(),
             bounds.lower,
             bounds.upper,
-        )
+        )?;
+        Ok(trajectory.with_feedforward(plan.task.feedforward))
     }
 
     /// Checks and keeps a trajectory of N knots:
@@ -154,7 +157,18 @@ impl Trajectory {
             configurations,
             command_lower,
             command_upper,
+            feedforward: Feedforward::None,
         })
+    }
+
+    /// The same trajectory, flown with `feedforward` beside the positions.
+    pub fn with_feedforward(self, feedforward: Feedforward) -> Self {
+        Self { feedforward, ..self }
+    }
+
+    /// What the vehicle is sent beside positions.
+    pub fn feedforward(&self) -> Feedforward {
+        self.feedforward
     }
 
     /// Number of knots N.

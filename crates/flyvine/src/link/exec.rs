@@ -3,12 +3,13 @@
 //! ```text
 //! → {"reset": {"length_m": 0.7, "pressure_kpa": 0.0, "seed": 1}}      ← the pose at t_s = 0
 //! → {"cmd": [x, y, z], "length_m": l, "pressure_kpa": p}              ← the newest pose, 50 ms later
+//! → {"cmd": [x, y, z], "cmd_velocity": [vx, vy, vz], …}               the same, where velocities are sent
 //! → {"close": true}                                                   ← exit 0 within 2 s
 //!
 //! ← {"t_s": t, "qr": [x, y, z], "q": [w, x, y, z], "ee": [x, y, z]}
 //! ```
 //!
-//! World frame ENU, metres; `q` is Hamilton, world_from_body. `qr` and `q` are both null where motion capture
+//! World frame ENU, metres, metres per second; `q` is Hamilton, world_from_body. `qr` and `q` are both null where motion capture
 //! missed the quadrotor, `ee` where it missed the end effector; further keys are ignored. `t_s` is the
 //! vehicle's own time, not the capture time of its newest pose: after k commands it must be within 25 ms of k
 //! · 50 ms, so a reply that is lost, doubled or integrated over another step is caught at once and a clock
@@ -26,7 +27,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::{Observation, Vehicle, VehicleError};
+use super::{Observation, Setpoint, Vehicle, VehicleError};
 use crate::DT;
 use crate::flight::Configuration;
 use child::Child;
@@ -169,6 +170,8 @@ enum Request {
     #[serde(untagged)]
     Step {
         cmd: [f64; 3],
+        #[serde(skip_serializing_if = "Option::is_none")]
+        cmd_velocity: Option<[f64; 3]>,
         length_m: f64,
         pressure_kpa: f64,
     },
@@ -251,16 +254,26 @@ impl Vehicle for ExecVehicle {
         )
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
         let Configuration {
             length_m,
             pressure_kpa,
         } = configuration;
-        let [x, y, z] = command;
-        check_finite(&[x, y, z, length_m, pressure_kpa]).map_err(|fault| self.fail(fault))?;
+        let Setpoint { position, velocity } = setpoint;
+        let numbers = [
+            &position[..],
+            velocity.as_ref().map_or(&[], |v| &v[..]),
+            &[length_m, pressure_kpa],
+        ];
+        check_finite(&numbers.concat()).map_err(|fault| self.fail(fault))?;
         self.ask(
             &Request::Step {
-                cmd: command,
+                cmd: position,
+                cmd_velocity: velocity,
                 length_m,
                 pressure_kpa,
             },

@@ -3,9 +3,11 @@
 pub mod exec;
 mod health;
 mod recorded;
+mod setpoint;
 
 pub use health::{Captured, Fault, Health, Mode};
 pub use recorded::RecordedVehicle;
+pub use setpoint::{Feedforward, Setpoint};
 
 use crate::flight::{Configuration, Pose};
 
@@ -26,9 +28,10 @@ pub trait Vehicle {
     /// Starts over, with the arm at rest: hovering at (0, 0, 1.5), or standing on the ground if [`Health::standing`].
     fn reset(&mut self, configuration: Configuration, seed: u64) -> Result<Observation, VehicleError>;
 
-    /// Holds `command` (quadrotor position, m) for [`crate::DT`] seconds while the arm is told to go to
-    /// `configuration`, and returns the newest poses.
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError>;
+    /// Holds `setpoint` for [`crate::DT`] seconds while the arm is told to go to `configuration`, and returns the newest
+    /// poses.
+    fn step(&mut self, setpoint: Setpoint, configuration: Configuration)
+    -> Result<Observation, VehicleError>;
 
     /// What the wires say beside the poses, as of the last reset or step. `None` of a vehicle in lockstep: it has neither
     /// a clock nor modes of its own.

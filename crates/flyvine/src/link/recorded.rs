@@ -1,6 +1,6 @@
 //! A recorded flight as a vehicle: the same poses again, whatever is commanded.
 
-use super::{Observation, Vehicle, VehicleError};
+use super::{Observation, Setpoint, Vehicle, VehicleError};
 use crate::flight::{Configuration, Flight};
 
 /// Plays a recording back. A controller that is deterministic repeats its commands on it to the last bit.
@@ -39,7 +39,7 @@ impl Vehicle for RecordedVehicle {
 
     fn step(
         &mut self,
-        _command: [f64; 3],
+        _setpoint: Setpoint,
         _configuration: Configuration,
     ) -> Result<Observation, VehicleError> {
         self.row += 1;

@@ -4,12 +4,14 @@
 use super::band::PredictionBand;
 use super::error::ModelError;
 use super::family::Model;
+use super::lag::CommandInputs;
 use super::noise::NoiseLevels;
 use super::options::FitOptions;
 use super::schedule::ScheduledModel;
 use super::selection::Candidate;
 use super::support::Support;
 use crate::flight::Configuration;
+use crate::link::Feedforward;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -210,7 +212,7 @@ impl Bank {
         self
     }
 
-    /// The same bank for flights that are sent positions only, as flights of plans are: without the feed-forward of physical models
+    /// The same bank for flights that are sent positions only, as those of most plans are: without the feed-forward of physical models
     /// that were fitted to flights which were sent velocities, too.
     pub fn sent_positions_only(&self) -> Self {
         let mut bank = self.clone();
@@ -221,6 +223,18 @@ impl Bank {
             }
         }
         bank
+    }
+
+    /// What the bank's flights were sent beside positions.
+    pub fn feedforward(&self) -> Feedforward {
+        let knows_velocities = |model: &BankModel| match &model.model {
+            Model::Lag(lag) => lag.inputs() == CommandInputs::PositionAndVelocity,
+            Model::Physical(physical) => physical.parameters.velocity_feedforward != 0.0,
+        };
+        match self.models.iter().all(knows_velocities) {
+            true => Feedforward::Velocity,
+            false => Feedforward::None,
+        }
     }
 
     /// The same bank with the recordings that it was fitted on.

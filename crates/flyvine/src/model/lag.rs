@@ -21,7 +21,7 @@ pub const HEIGHT_ROW: usize = 8;
 /// Most lags a model may have.
 pub const MAX_LAGS: usize = 12;
 /// Room for the longest regressor `w = (z, u)`, padded.
-const MAX_REGRESSOR_LEN: usize = 120;
+pub(super) const MAX_REGRESSOR_LEN: usize = 120;
 
 /// What a model takes as its command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -22,6 +22,7 @@ mod band;
 mod bank;
 mod bank_file;
 mod check;
+mod commanded_velocity;
 mod corner;
 mod ensemble;
 mod error;

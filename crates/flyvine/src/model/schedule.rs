@@ -1,10 +1,14 @@
 //! Time-varying dynamics: a bank along a schedule of configurations.
 
+use super::commanded_velocity;
 use super::error::ModelError;
 use super::family::Model;
-use super::lag::LagModel;
+use super::lag::{CommandInputs, LagModel};
 use super::noise::NoiseLevels;
 use super::physical::Surroundings;
+use crate::HOVER_HEIGHT_M;
+use crate::flight::Configuration;
+use crate::link::Feedforward;
 use crate::trajopt::Dynamics;
 
 /// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
@@ -16,6 +20,8 @@ pub struct ScheduledModel {
     model_of_knot: Vec<usize>,
     /// The bank's, if it has them.
     noise: Option<NoiseLevels>,
+    /// What its flights are sent beside positions.
+    feedforward: Feedforward,
 }
 
 impl ScheduledModel {
@@ -51,6 +57,7 @@ impl ScheduledModel {
             model_of_knot: (0..models.len()).collect(),
             models,
             noise: None,
+            feedforward: Feedforward::None,
         })
     }
 
@@ -60,6 +67,39 @@ impl ScheduledModel {
             noise,
             ..Self::default()
         }
+    }
+
+    /// The same models for flights that are sent `feedforward`: lag models that take velocities then take positions alone,
+    /// whose velocity it is, and their state ends with the command before (3 entries more).
+    pub fn with_feedforward(self, feedforward: Feedforward) -> Self {
+        Self { feedforward, ..self }
+    }
+
+    /// The lag model at `knot`, if it is given the velocity of the command.
+    fn fed_forward(&self, knot: usize) -> Option<&LagModel> {
+        match self.at_knot(knot) {
+            Model::Lag(model)
+                if self.feedforward == Feedforward::Velocity
+                    && model.inputs() == CommandInputs::PositionAndVelocity =>
+            {
+                Some(model)
+            }
+            _ => None,
+        }
+    }
+
+    /// The state at rest, hovering at (0, 0, 1.5) with the arm hanging straight.
+    pub fn rest_state(&self, configuration: Configuration) -> Vec<f64> {
+        self.rest_state_at(configuration, [0.0, 0.0, HOVER_HEIGHT_M])
+    }
+
+    /// The state at rest with the quadrotor at `position`, m.
+    pub fn rest_state_at(&self, configuration: Configuration, position: [f64; 3]) -> Vec<f64> {
+        let mut rest = self.at_knot(0).rest_state_at(configuration, position);
+        if self.fed_forward(0).is_some() {
+            rest.extend_from_within(..3);
+        }
+        rest
     }
 
     /// The noise levels that were identified with the models, or else the family's typical ones.
@@ -102,7 +142,7 @@ impl ScheduledModel {
         fresh: &mut [f64],
     ) {
         match self.at_knot(knot) {
-            Model::Lag(model) => model.step(knot, state, command, fresh),
+            Model::Lag(_) => self.step(knot, state, command, fresh),
             Model::Physical(model) => model.step_in(around, state, command, fresh),
         }
     }
@@ -121,11 +161,11 @@ impl ScheduledModel {
         by_surroundings: Option<&mut [f64]>,
     ) {
         match self.at_knot(knot) {
-            Model::Lag(model) => {
+            Model::Lag(_) => {
                 if let Some(entries) = by_surroundings {
                     entries.fill(0.0);
                 }
-                model.linearize(knot, state, command, fresh, jacobian);
+                self.linearize(knot, state, command, fresh, jacobian);
             }
             Model::Physical(model) => {
                 model.linearize_in(around, state, command, fresh, jacobian, by_surroundings);
@@ -136,23 +176,38 @@ impl ScheduledModel {
 
 impl Dynamics for ScheduledModel {
     fn state_len(&self) -> usize {
-        self.models[0].state_len()
+        match self.fed_forward(0) {
+            Some(model) => commanded_velocity::state_len(model),
+            None => self.models[0].state_len(),
+        }
     }
 
     fn command_len(&self) -> usize {
-        self.models[0].command_len()
+        match self.fed_forward(0) {
+            Some(_) => 3,
+            None => self.models[0].command_len(),
+        }
     }
 
     fn fresh_len(&self) -> usize {
-        self.models[0].fresh_len()
+        match self.fed_forward(0) {
+            Some(model) => commanded_velocity::state_len(model),
+            None => self.models[0].fresh_len(),
+        }
     }
 
     fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        self.at_knot(knot).step(knot, state, command, fresh);
+        match self.fed_forward(knot) {
+            Some(model) => commanded_velocity::step(model, state, command, fresh),
+            None => self.at_knot(knot).step(knot, state, command, fresh),
+        }
     }
 
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
-        self.at_knot(knot).linearize(knot, z, u, fresh, jacobian);
+        match self.fed_forward(knot) {
+            Some(model) => commanded_velocity::linearize(model, z, u, fresh, jacobian),
+            None => self.at_knot(knot).linearize(knot, z, u, fresh, jacobian),
+        }
     }
 
     fn add_curvature(
@@ -164,7 +219,11 @@ impl Dynamics for ScheduledModel {
         stride: usize,
         hessian: &mut [f64],
     ) {
-        self.at_knot(knot)
-            .add_curvature(knot, z, u, adjoint, stride, hessian);
+        match self.fed_forward(knot) {
+            Some(model) => commanded_velocity::add_curvature(model, z, u, adjoint, stride, hessian),
+            None => self
+                .at_knot(knot)
+                .add_curvature(knot, z, u, adjoint, stride, hessian),
+        }
     }
 }

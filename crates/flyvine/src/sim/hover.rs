@@ -66,7 +66,7 @@ pub fn modes(parameters: &VehicleParameters, configuration: Configuration) -> Re
     let mut response = Vec::with_capacity(ROWS);
     for row in 0..SETTLED + ROWS {
         let x = if row < SETTLED / 2 { NUDGE_M } else { 0.0 };
-        vehicle.step([x, 0.0, crate::HOVER_HEIGHT_M], configuration)?;
+        vehicle.step([x, 0.0, crate::HOVER_HEIGHT_M].into(), configuration)?;
         if row >= SETTLED {
             let (quadrotor, end_effector) = vehicle.positions();
             response.push(Vector2::new(quadrotor.x, end_effector.x));

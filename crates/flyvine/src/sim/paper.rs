@@ -68,7 +68,7 @@ pub fn recordings(commands: &Path, figures: &Path) -> Result<Vec<Recording>, Rep
         recordings.push(Recording {
             name: format!("swing {label}"),
             configurations: vec![corner.configuration(); commands.len()],
-            velocities: vec![[0.0; 3]; commands.len()],
+            velocities: vec![None; commands.len()],
             commands,
             measured: Measured::Swing {
                 quadrotor_x,
@@ -88,7 +88,7 @@ pub fn recordings(commands: &Path, figures: &Path) -> Result<Vec<Recording>, Rep
             recordings.push(Recording {
                 name: format!("lemniscate {period} {label}"),
                 configurations: vec![corner.configuration(); commands.len()],
-                velocities: vec![[0.0; 3]; commands.len()],
+                velocities: vec![None; commands.len()],
                 commands,
                 measured: Measured::Path {
                     after_s,

@@ -8,7 +8,7 @@ use super::SimulatedVehicle;
 use super::paper::ReplayError;
 use crate::DT;
 use crate::flight::{Configuration, Flight};
-use crate::link::{Vehicle, VehicleError};
+use crate::link::{Setpoint, Vehicle, VehicleError};
 use nalgebra::{Vector2, Vector3};
 
 /// Where every vehicle hovers after a reset, m.
@@ -24,7 +24,7 @@ pub struct Recording {
     /// Commanded quadrotor positions, one every [`DT`], m.
     pub commands: Vec<[f64; 3]>,
     /// Velocities sent beside them, m/s; zero where there were positions alone.
-    pub velocities: Vec<[f64; 3]>,
+    pub velocities: Vec<Option<[f64; 3]>>,
     /// What is known of the response.
     pub measured: Measured,
 }
@@ -126,10 +126,7 @@ impl Recording {
             name: flight.name.clone(),
             configurations: samples.iter().map(|sample| sample.configuration).collect(),
             commands: samples.iter().map(|sample| moved(sample.command)).collect(),
-            velocities: samples
-                .iter()
-                .map(|sample| sample.command_velocity.unwrap_or_default())
-                .collect(),
+            velocities: samples.iter().map(|sample| sample.command_velocity).collect(),
             measured: Measured::Rows {
                 quadrotor: samples
                     .iter()
@@ -159,7 +156,11 @@ impl Recording {
             .zip(&self.velocities)
             .zip(&self.configurations)
         {
-            vehicle.advance_with_velocity(*command, *velocity, *configuration, DT)?;
+            let setpoint = Setpoint {
+                position: *command,
+                velocity: *velocity,
+            };
+            vehicle.step(setpoint, *configuration)?;
             record(vehicle);
         }
         Ok(trajectory)

@@ -12,7 +12,7 @@ use super::parameters::{ParameterError, VehicleParameters};
 use super::state::ChainState;
 use super::wind::Gust;
 use crate::flight::{Configuration, Pose};
-use crate::link::{Observation, Vehicle, VehicleError};
+use crate::link::{Observation, Setpoint, Vehicle, VehicleError};
 use crate::{DT, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -314,37 +314,24 @@ impl SimulatedVehicle {
     /// and poses come and go at other times than [`DT`].
     pub fn advance(
         &mut self,
-        command: [f64; 3],
-        configuration: Configuration,
-        duration_s: f64,
-    ) -> Result<Observation, VehicleError> {
-        self.advance_with_velocity(command, [0.0; 3], configuration, duration_s)
-    }
-
-    /// Like [`Self::advance`] with a velocity (world frame, m/s) beside the commanded position, which the autopilot's
-    /// velocity loop is fed forward.
-    pub fn advance_with_velocity(
-        &mut self,
-        command: [f64; 3],
-        velocity: [f64; 3],
+        setpoint: impl Into<Setpoint>,
         configuration: Configuration,
         duration_s: f64,
     ) -> Result<Observation, VehicleError> {
         self.check(&configuration)?;
-        for (name, values) in [("command", command), ("commanded velocity", velocity)] {
-            if values.iter().any(|value| !value.is_finite()) {
-                return Err(VehicleError::Refused {
-                    what: format!("{name} {values:?}, expected three finite numbers"),
-                });
-            }
+        let setpoint = setpoint.into();
+        if !setpoint.is_finite() {
+            return Err(VehicleError::Refused {
+                what: format!("{setpoint:?}, expected finite numbers"),
+            });
         }
         let autopilot = &self.parameters.autopilot;
         if self.radio_random.random::<f64>() < autopilot.command_dropout_probability {
             self.lost_commands += 1;
         } else {
             let command = PositionCommand {
-                position: command.into(),
-                velocity: velocity.into(),
+                position: setpoint.position.into(),
+                velocity: setpoint.velocity.unwrap_or_default().into(),
             };
             let arrival = self.time_s() + autopilot.command_delay_s;
             self.pending.push_back((arrival, command));
@@ -388,7 +375,11 @@ impl Vehicle for SimulatedVehicle {
         Ok(self.observe())
     }
 
-    fn step(&mut self, command: [f64; 3], configuration: Configuration) -> Result<Observation, VehicleError> {
-        self.advance(command, configuration, DT)
+    fn step(
+        &mut self,
+        setpoint: Setpoint,
+        configuration: Configuration,
+    ) -> Result<Observation, VehicleError> {
+        self.advance(setpoint, configuration, DT)
     }
 }

@@ -8,6 +8,7 @@ use super::constraints::{self, Contact, Obstacle, SupportDemand, Tube};
 use super::growth::Growth;
 use crate::DT;
 use crate::flight::{Configuration, SIGNALS};
+use crate::link::Feedforward;
 
 /// One task, as read from its file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,6 +36,9 @@ pub struct Task {
     /// Command bounds, m; the paper's for the motion where left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command_bounds: Option<Bounds>,
+    /// What the vehicle is sent beside positions: as the flights were that the bank was fitted to.
+    #[serde(default, skip_serializing_if = "Feedforward::is_none")]
+    pub feedforward: Feedforward,
     /// What changes of the command cost, and how large they may be.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub command_change: Option<CommandChange>,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{CommandShaping, Task, TaskError};
 use crate::DT;
 use crate::file::write_whole;
-use crate::flight::{Configuration, SIGNALS};
+use crate::flight::{Configuration, SIGNALS, VELOCITY_COLUMNS};
 use crate::model::{Bank, ModelError};
 use crate::trajopt::{EnsembleError, Options, ProblemError};
 
@@ -176,13 +176,22 @@ pub enum PlanError {
     /// The bank's models take inputs that a plan does not command.
     #[error(
         "task `{task}`: found models with {found} inputs, expected 3 (commanded position); \
-         fit the bank without commanded velocity to plan on it"
+         ask for feedforward = \"velocity\", or fit the bank without commanded velocity, to plan on it"
     )]
     Inputs {
         /// The task.
         task: String,
         /// Inputs of the models.
         found: usize,
+    },
+    /// The task's flights shall be sent velocities, which the bank's were not.
+    #[error(
+        "task `{task}`, feedforward: found a bank whose flights were sent positions only, expected one whose flights were \
+         sent velocities, too; fit it to such flights, or leave feedforward out"
+    )]
+    NoFeedforward {
+        /// The task.
+        task: String,
     },
     /// The task shall stay in the region that flights support, which the bank does not know.
     #[error(
@@ -346,19 +355,31 @@ pub fn write_plan(path: &Path, plan: &Plan) -> Result<(), PlanError> {
 }
 
 /// Writes a plan's commands as CSV: `t_s,cmd_x,cmd_y,cmd_z,length_m,pressure_kpa`, N rows, the last repeating
-/// the final command.
+/// the final command; and `cmd_vx,cmd_vy,cmd_vz` (m/s) behind, where the task's flights are sent velocities.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_plan_csv(path: &Path, plan: &Plan) -> Result<(), PlanError> {
-    let mut text = String::from("t_s,cmd_x,cmd_y,cmd_z,length_m,pressure_kpa\n");
+    let mut text = String::from("t_s,cmd_x,cmd_y,cmd_z,length_m,pressure_kpa");
+    let feedforward = plan.task.feedforward;
+    if !feedforward.is_none() {
+        text += &format!(",{}", VELOCITY_COLUMNS.join(","));
+    }
+    text.push('\n');
+    let mut before = plan.predicted_quadrotor()[0];
     for (knot, configuration) in plan.configurations.iter().enumerate() {
-        let [x, y, z] = plan.commands[knot.min(plan.commands.len() - 1)];
+        let setpoint = feedforward.setpoint(plan.commands[knot.min(plan.commands.len() - 1)], before);
+        before = setpoint.position;
+        let [x, y, z] = setpoint.position;
         let Configuration {
             length_m,
             pressure_kpa,
         } = configuration;
-        text += &format!("{:.2},{x},{y},{z},{length_m},{pressure_kpa}\n", knot as f64 * DT);
+        text += &format!("{:.2},{x},{y},{z},{length_m},{pressure_kpa}", knot as f64 * DT);
+        if let Some([vx, vy, vz]) = setpoint.velocity {
+            text += &format!(",{vx},{vy},{vz}");
+        }
+        text.push('\n');
     }
     write_whole(path, text.as_bytes()).map_err(|source| PlanError::File {
         path: path.display().to_string(),

@@ -10,7 +10,8 @@ use super::problem::make_up_for;
 use super::solve::{Names, Optimized};
 use super::{CommandReference, Motion, Reference, Task, TaskError, pose_problem};
 use crate::flight::{Configuration, SIGNALS};
-use crate::model::{Bank, ScheduledModel};
+use crate::link::Feedforward;
+use crate::model::{Bank, Model, ModelError, ScheduledModel};
 use crate::trajopt::{
     Dynamics, Ensemble, EnsembleError, Problem, ProblemError, Solution, Solver, WithOutputs,
 };
@@ -18,10 +19,12 @@ use crate::trajopt::{
 /// Cost per metre of an ensemble's mean distance from a swing's target, where the task names no price.
 const TARGET_PRICE: f64 = 3000.0;
 
-/// Plans `task` on `bank`, for flights that are sent positions only ([`Bank::sent_positions_only`]).
+/// Plans `task` on `bank`, for flights that are sent positions only ([`Bank::sent_positions_only`]) unless the task's
+/// [`feedforward`](Task::feedforward) says otherwise.
 ///
 /// # Errors
-/// The bank does not cover the task's configurations, or the problem is malformed. A solve that does not
+/// The bank does not cover the task's configurations, it was fitted to flights that were not sent the velocities which the
+/// task's are, or the problem is malformed. A solve that does not
 /// converge is reported in [`Plan::solve`], with the best commands found.
 pub fn make_plan(task: &Task, bank: &Bank, options: &PlanOptions) -> Result<Plan, PlanError> {
     make_corrected_plan(task, bank, &[], options)
@@ -54,7 +57,7 @@ pub fn make_corrected_plan(
         task: task.name.clone(),
         source,
     };
-    let bank = &bank.sent_positions_only();
+    let bank = &as_flown(task, bank)?;
     let reference = task.reference();
     let model = OnBank::new(task, &reference, bank)?;
     let command_reference = model.command_reference(task, &reference);
@@ -85,6 +88,10 @@ pub fn make_corrected_plan(
         return Ok(plan.making_up_for(model_error_m));
     };
 
+    if !task.feedforward.is_none() && matches!(bank.models()[0].model, Model::Lag(_)) {
+        let expected = "a bank of the physical family, where configurations are chosen ([growth])";
+        return Err(TaskError::value(&task.name, "feedforward", "a bank of the lag family", expected).into());
+    }
     let (growing, posed) = growth.pose(task, bank, &problem);
     let [length, pressure] = growth::PARAMETERS.map(str::to_owned);
     let rates = [&length, &pressure].map(|parameter| format!("change of {parameter}"));
@@ -138,7 +145,10 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
         task: task.name.clone(),
         source,
     };
-    let banks: Vec<Bank> = banks.iter().map(Bank::sent_positions_only).collect();
+    let banks: Vec<Bank> = banks
+        .iter()
+        .map(|bank| as_flown(task, bank))
+        .collect::<Result<_, _>>()?;
     let first_bank = banks.first().ok_or(EnsembleError::Empty).map_err(no_ensemble)?;
     let models: Vec<OnBank> = banks
         .iter()
@@ -205,6 +215,17 @@ pub fn make_ensemble_plan(task: &Task, banks: &[Bank], options: &PlanOptions) ->
     Ok(plan)
 }
 
+/// `bank` for flights that are sent what `task` says.
+fn as_flown(task: &Task, bank: &Bank) -> Result<Bank, PlanError> {
+    match task.feedforward {
+        Feedforward::None => Ok(bank.sent_positions_only()),
+        Feedforward::Velocity if bank.feedforward() == Feedforward::Velocity => Ok(bank.clone()),
+        Feedforward::Velocity => Err(PlanError::NoFeedforward {
+            task: task.name.clone(),
+        }),
+    }
+}
+
 /// What `task` demands of the whole motion from `start` on; the supported region is that of `bank`.
 fn constraints(
     task: &Task,
@@ -229,6 +250,15 @@ fn constraints(
 }
 
 impl Plan {
+    /// The model that the plan was made on (the first bank's, if it was made for several), along its configurations.
+    ///
+    /// # Errors
+    /// The bank does not cover the plan's configurations.
+    pub fn model(&self) -> Result<ScheduledModel, ModelError> {
+        let model = self.bank.scheduled(&self.configurations)?;
+        Ok(model.with_feedforward(self.task.feedforward))
+    }
+
     /// The optimal-control problem that the plan solves (on its first bank, if it was made for several).
     ///
     /// # Errors
@@ -271,14 +301,15 @@ impl OnBank {
             .map_err(|source| PlanError::Model {
                 task: task.name.clone(),
                 source,
-            })?;
+            })?
+            .with_feedforward(task.feedforward);
         if dynamics.command_len() != 3 {
             return Err(PlanError::Inputs {
                 task: task.name.clone(),
                 found: dynamics.command_len(),
             });
         }
-        let start = dynamics.at_knot(0).rest_state(task.configuration);
+        let start = dynamics.rest_state(task.configuration);
         Ok(Self { dynamics, start })
     }
 

@@ -21,6 +21,35 @@ pub struct TrainingFlight {
     pub commands: Vec<[f64; 3]>,
 }
 
+impl TrainingFlight {
+    /// The same flight for a vehicle that is sent the velocities of its commands, too: averaged twice over 0.85 s, to either
+    /// side. A velocity loop that is fed a step's velocity asks for more than any vehicle can do, and what comes of it teaches
+    /// nothing; smoothed so, swings accelerate by up to 4 m/s², as the vehicle does after their steps alone.
+    pub fn smoothed(mut self) -> Self {
+        for _ in 0..2 {
+            self.commands = averaged(&self.commands);
+        }
+        self
+    }
+}
+
+/// The mean of the commands up to [`AVERAGED_KNOTS`] to either side; those before the first are like it, those behind the last
+/// too.
+fn averaged(commands: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let last = commands.len() as isize - 1;
+    let mean = |knot: isize, axis: usize| {
+        let window = knot - AVERAGED_KNOTS..=knot + AVERAGED_KNOTS;
+        let sum: f64 = window.map(|k| commands[k.clamp(0, last) as usize][axis]).sum();
+        sum / (2 * AVERAGED_KNOTS + 1) as f64
+    };
+    (0..=last)
+        .map(|knot| std::array::from_fn(|axis| mean(knot, axis)))
+        .collect()
+}
+
+/// Half the width of the averages in [`TrainingFlight::smoothed`].
+const AVERAGED_KNOTS: isize = 8;
+
 /// The training flights for one configuration: deterministic for a seed, inside |x|, |y| ≤ 1.5 m and
 /// 1.2 m ≤ z ≤ 1.85 m.
 pub fn training_flights(seed: u64) -> Vec<TrainingFlight> {
@@ -179,6 +208,16 @@ mod tests {
                 .all(|flight| flight.commands != test_flight(3).commands)
         );
         for flight in flights.into_iter().chain([test_flight(3)]) {
+            let smooth = flight.clone().smoothed();
+            assert_eq!(
+                (smooth.commands.len(), smooth.name),
+                (flight.commands.len(), flight.name)
+            );
+            let second = smooth.commands.windows(3).flat_map(|u| {
+                [0, 1, 2].map(|axis| (u[2][axis] - 2.0 * u[1][axis] + u[0][axis]).abs() / DT.powi(2))
+            });
+            let largest = second.fold(0.0, f64::max);
+            assert!(largest < 4.5, "{}: {largest} m/s²", flight.name);
             assert!(
                 (30.0..120.0).contains(&(flight.commands.len() as f64 * DT)),
                 "{}",

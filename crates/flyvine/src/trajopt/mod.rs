@@ -16,7 +16,7 @@ mod augmented_lagrangian;
 mod batch;
 mod command_change;
 #[cfg(test)]
-mod derivatives;
+pub(crate) mod derivatives;
 mod dynamics;
 mod ensemble;
 mod ilqr;

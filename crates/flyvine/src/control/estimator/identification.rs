@@ -141,7 +141,9 @@ pub fn identify_noise(
             })
             .collect();
         if !here.is_empty() {
-            let model = bank.scheduled(&[model.configuration])?;
+            let model = bank
+                .scheduled(&[model.configuration])?
+                .with_feedforward(bank.feedforward());
             configurations.push(identify(&model, &here, progress)?);
         }
     }
@@ -235,10 +237,7 @@ impl Recorded<'_> {
         let rows = self.rows;
         let first = rows.iter().find_map(|row| row.quadrotor);
         let position = first.map_or(rows[0].command, |pose| pose.position);
-        let start = self
-            .model
-            .at_knot(0)
-            .rest_state_at(rows[0].configuration, position);
+        let start = self.model.rest_state_at(rows[0].configuration, position);
         let mut estimator = Estimator::new(self.model, noise, &start, rows[0].command)?;
         let seen = |row: &Sample| Observation {
             t_s: row.t_s,

@@ -46,7 +46,7 @@ impl TakeOff {
         if supervisor.state() != State::Climbing || !follows {
             return;
         }
-        let from = self.setpoint.unwrap_or(supervisor.setpoint());
+        let from = self.setpoint.unwrap_or(supervisor.setpoint().position);
         self.setpoint = Some(towards(from, self.start, CLIMB_M_S * DT));
         if let (Some(pose), Some(tip)) = (credible.quadrotor, credible.end_effector) {
             if self.recent.len() == REST_TICKS {

@@ -4,7 +4,7 @@ use super::*;
 use crate::control::supervisor::Body;
 use crate::control::{OpenLoop, Tracking};
 use crate::flight::{Configuration, Pose};
-use crate::link::Observation;
+use crate::link::{Observation, Setpoint};
 use crate::model::{CommandInputs, LagModel, ScheduledModel};
 use crate::trajopt::Dynamics;
 
@@ -114,11 +114,11 @@ impl Vehicle for TestVehicle {
 
     fn step(
         &mut self,
-        command: [f64; 3],
+        setpoint: Setpoint,
         _configuration: Configuration,
     ) -> Result<Observation, VehicleError> {
         let mut fresh = [0.0; 9];
-        next(&self.state, &command, &mut fresh);
+        next(&self.state, &setpoint.position, &mut fresh);
         for axis in 0..3 {
             fresh[6 + axis] += self.wind[axis];
         }

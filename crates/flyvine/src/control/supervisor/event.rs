@@ -178,6 +178,13 @@ pub enum EventKind {
         /// What was sent, m.
         sent: [f64; 3],
     },
+    /// The velocity of the commands was too fast to feed forward; told once per stretch.
+    Slowed {
+        /// Their speed, m/s.
+        speed_m_s: f64,
+        /// What was sent, m/s.
+        limit_m_s: f64,
+    },
     /// The controller missed a tick: the last command stays.
     ControllerLate,
     /// Armed, on the way to the start.
@@ -220,6 +227,10 @@ impl fmt::Display for EventKind {
                     "command ({x:.3}, {y:.3}, {z:.3}) outside the room: sent ({u:.3}, {v:.3}, {w:.3})"
                 )
             }
+            EventKind::Slowed { speed_m_s, limit_m_s } => write!(
+                f,
+                "commands move at {speed_m_s:.2} m/s: fed forward as {limit_m_s} m/s"
+            ),
             EventKind::ControllerLate => f.write_str("controller late: the last command stays"),
             EventKind::Climbing => f.write_str("climbing to the start"),
             EventKind::AtStart => f.write_str("at the start"),

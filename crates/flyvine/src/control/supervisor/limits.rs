@@ -79,6 +79,8 @@ pub struct Limits {
     pub quadrotor_speed_max_m_s: f64,
     /// An end-effector position that would need more than this speed is a jump, m/s.
     pub end_effector_speed_max_m_s: f64,
+    /// Fastest velocity that goes with a commanded position, m/s.
+    pub command_speed_max_m_s: f64,
     /// Longest silence of the autopilot, s; none where no autopilot is heard, as in lockstep.
     pub autopilot_silence_s: Option<f64>,
     /// Longest silence of the arm, s; none where no arm is heard, as in lockstep.
@@ -102,6 +104,7 @@ impl Default for Limits {
             reach_margin_m: 0.1,
             quadrotor_speed_max_m_s: 8.0,
             end_effector_speed_max_m_s: 12.0,
+            command_speed_max_m_s: 6.0,
             autopilot_silence_s: None,
             arm_silence_s: None,
             hold_s: 2.0,
@@ -156,6 +159,7 @@ impl Limits {
                 "end_effector_speed_max_m_s",
                 Some(self.end_effector_speed_max_m_s),
             ),
+            ("command_speed_max_m_s", Some(self.command_speed_max_m_s)),
             ("autopilot_silence_s", self.autopilot_silence_s),
             ("arm_silence_s", self.arm_silence_s),
             ("hold_s", Some(self.hold_s)),
@@ -228,6 +232,7 @@ mod tests {
         assert_eq!(refused("coast_age_s = 0.5"), "coast_age_s");
         assert_eq!(refused("abort_age_s = nan"), "abort_age_s");
         assert_eq!(refused("hold_s = -1.0"), "hold_s");
+        assert_eq!(refused("command_speed_max_m_s = inf"), "command_speed_max_m_s");
         assert_eq!(refused("arm_silence_s = 0.0"), "arm_silence_s");
     }
 }

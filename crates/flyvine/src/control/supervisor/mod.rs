@@ -17,7 +17,8 @@
 //! ([`Supervisor::observe`]), gives back those that it believes, and turns the controller's proposal into an [`Order`]
 //! ([`Supervisor::decide`]). It does no I/O and reads
 //! no clock. It fails closed: what it cannot judge ends the flight, and no flight that was ended goes on.
-//! Set-points it gives out are finite and inside the room, always.
+//! Set-points it gives out are finite and inside the room, always; where velocities go with them they are those of the
+//! positions given out, no faster than [`Limits::command_speed_max_m_s`], and zero from an abort on.
 
 mod event;
 mod limits;
@@ -32,7 +33,7 @@ pub use limits::{Limits, LimitsError, Room};
 pub use state::{Order, Start, State};
 
 use super::Proposal;
-use crate::link::Captured;
+use crate::link::{Captured, Feedforward, Setpoint};
 use pose_watch::PoseWatch;
 use wires::is_out_of_our_hands;
 
@@ -72,9 +73,12 @@ pub struct Supervisor {
     newest: Captured,
     /// The mode that the autopilot was seen in when it was asked for it.
     confirmed: Option<Mode>,
-    /// The last set-point, m.
-    setpoint: [f64; 3],
+    /// What goes with positions.
+    feedforward: Feedforward,
+    /// The last set-point.
+    setpoint: Setpoint,
     clipping: bool,
+    slowing: bool,
     late: u32,
     events: Vec<Event>,
 }
@@ -121,11 +125,23 @@ impl Supervisor {
                 end_effector_s: f64::NEG_INFINITY,
             },
             confirmed: None,
-            setpoint: limits.room.clip(quadrotor),
+            feedforward: Feedforward::None,
+            setpoint: limits.room.clip(quadrotor).into(),
             clipping: false,
+            slowing: false,
             late: 0,
             events: Vec::new(),
         })
+    }
+
+    /// The same supervisor, whose set-points carry `feedforward` beside the positions.
+    pub fn with_feedforward(self, feedforward: Feedforward) -> Self {
+        let Setpoint { position, .. } = self.setpoint;
+        Self {
+            feedforward,
+            setpoint: feedforward.setpoint(position, position),
+            ..self
+        }
     }
 
     /// Where the flight stands.
@@ -138,8 +154,8 @@ impl Supervisor {
         self.reason
     }
 
-    /// The last set-point that was given out, m; before the first one, the start position.
-    pub fn setpoint(&self) -> [f64; 3] {
+    /// The last set-point that was given out; before the first one, the start position.
+    pub fn setpoint(&self) -> Setpoint {
         self.setpoint
     }
 
@@ -183,7 +199,7 @@ impl Supervisor {
         }
         self.reason = Some(reason);
         let position = self.quadrotor.position();
-        self.setpoint = self.limits.room.clip(position);
+        self.hold(self.limits.room.clip(position));
         let below_room = position[2] < self.limits.room.quadrotor_z_m[0];
         self.say(EventKind::Aborted(reason));
         match self.state {
@@ -214,6 +230,7 @@ impl Supervisor {
             match proposal {
                 Proposal::Command(command) => self.accept(command),
                 Proposal::Late => {
+                    self.hold(self.setpoint.position);
                     self.late += 1;
                     self.say(EventKind::ControllerLate);
                     if self.late >= LATE_TO_ABORT {
@@ -265,15 +282,39 @@ impl Supervisor {
             return;
         }
         self.late = 0;
-        self.setpoint = self.limits.room.clip(command);
-        let clipped = self.setpoint != command;
+        let position = self.limits.room.clip(command);
+        let clipped = position != command;
         if clipped && !self.clipping {
             self.say(EventKind::Clipped {
                 proposed: command,
-                sent: self.setpoint,
+                sent: position,
             });
         }
         self.clipping = clipped;
+        self.setpoint = self.feedforward.setpoint(position, self.setpoint.position);
+        self.limit_speed();
+    }
+
+    /// Shortens a velocity that is too fast to feed forward.
+    fn limit_speed(&mut self) {
+        let Some(velocity) = &mut self.setpoint.velocity else {
+            return;
+        };
+        let limit_m_s = self.limits.command_speed_max_m_s;
+        let speed_m_s = velocity.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let slowed = speed_m_s > limit_m_s;
+        if slowed {
+            *velocity = velocity.map(|v| v * (limit_m_s / speed_m_s));
+        }
+        if slowed && !self.slowing {
+            self.say(EventKind::Slowed { speed_m_s, limit_m_s });
+        }
+        self.slowing = slowed;
+    }
+
+    /// Sends `position` from now on, and no velocity but zero.
+    fn hold(&mut self, position: [f64; 3]) {
+        self.setpoint = self.feedforward.setpoint(position, position);
     }
 
     fn enter(&mut self, state: State, event: EventKind) {

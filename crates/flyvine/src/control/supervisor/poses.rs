@@ -36,7 +36,7 @@ impl Supervisor {
             return nothing;
         }
 
-        let held = self.setpoint;
+        let held = self.setpoint.position;
         let quadrotor_seen: Option<Seen> = newest.quadrotor.map(|pose| (pose.position, Some(pose.attitude)));
         let end_effector_seen: Option<Seen> = newest.end_effector.map(|position| (position, None));
         let (position, tip) = (quadrotor_seen.map(|seen| seen.0), newest.end_effector);

@@ -115,6 +115,7 @@ const LIMITS: Limits = Limits {
     reach_margin_m: 0.1,
     quadrotor_speed_max_m_s: 8.0,
     end_effector_speed_max_m_s: 12.0,
+    command_speed_max_m_s: 6.0,
     autopilot_silence_s: Some(0.3),
     arm_silence_s: Some(0.3),
     hold_s: 0.5,
@@ -128,7 +129,7 @@ proptest! {
 
     #[test]
     fn the_rules_hold_for_every_order_of_events(ticks in prop::collection::vec(tick(), 1..120)) {
-        let mut supervisor = Supervisor::new(LIMITS, START).unwrap();
+        let mut supervisor = Supervisor::new(LIMITS, START).unwrap().with_feedforward(Feedforward::Velocity);
         let mut capture = MotionCapture { ticks: 0, last: [START.quadrotor, START.end_effector] };
         let mut now_s = 0.0;
         // This test's own account of when something was last good.
@@ -171,9 +172,12 @@ proptest! {
             let order = supervisor.decide(told_s, events.proposal);
             let aborted = supervisor.reason().is_some();
 
-            // Whatever leaves is finite and in the room.
+            // Whatever leaves is finite and in the room, no faster than allowed, and stands still once the flight is over.
             if let Some(setpoint) = order.setpoint {
-                prop_assert!(LIMITS.room.holds_quadrotor(setpoint), "{setpoint:?}");
+                prop_assert!(LIMITS.room.holds_quadrotor(setpoint.position), "{setpoint:?}");
+                let speed = setpoint.velocity.map(|velocity| distance(velocity, [0.0; 3]));
+                let limit = if aborted { 0.0 } else { LIMITS.command_speed_max_m_s + 1e-9 };
+                prop_assert!(speed.is_some_and(|speed| speed <= limit), "{setpoint:?}");
             }
             // Whatever is believed was seen, and is finite.
             if let Some(pose) = credible.quadrotor {

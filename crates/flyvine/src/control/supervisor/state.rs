@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::link::Mode;
+use crate::link::{Mode, Setpoint};
 
 /// Where the flight stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -43,9 +43,9 @@ impl fmt::Display for State {
 /// What may leave the machine at this tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Order {
-    /// The quadrotor position to send, m; `None`: send none. It goes on in Hold and Land, so that the
-    /// autopilot is never left without a set-point while a mode change is under way.
-    pub setpoint: Option<[f64; 3]>,
+    /// What to send; `None`: nothing. It goes on in Hold and Land, so that the autopilot is never left without a
+    /// set-point while a mode change is under way.
+    pub setpoint: Option<Setpoint>,
     /// The mode to ask for.
     pub mode: Mode,
 }

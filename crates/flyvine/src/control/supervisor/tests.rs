@@ -95,7 +95,7 @@ fn after(ticks: usize, limits: Limits) -> Flight {
         assert_eq!(
             flight.good(),
             Order {
-                setpoint: Some([0.0, 0.0, 1.5]),
+                setpoint: Some([0.0, 0.0, 1.5].into()),
                 mode: Mode::Offboard
             }
         );
@@ -293,7 +293,7 @@ fn leaving_the_room_is_an_abort_that_holds_inside() {
         assert_eq!(
             order,
             Order {
-                setpoint: Some(held),
+                setpoint: Some(held.into()),
                 mode: Mode::Offboard
             }
         );
@@ -362,7 +362,7 @@ fn one_late_answer_keeps_the_last_command_and_two_running_abort() {
     let mut flight = after(10, Limits::default());
     flight.tick_with(flight.seen(), Proposal::Command([0.1, 0.0, 1.5]));
     let (_, order) = flight.tick_with(flight.seen(), Proposal::Late);
-    assert_eq!(order.setpoint, Some([0.1, 0.0, 1.5]));
+    assert_eq!(order.setpoint, Some([0.1, 0.0, 1.5].into()));
     flight.good();
     flight.tick_with(flight.seen(), Proposal::Late);
     assert_eq!(flight.supervisor.reason(), None, "late, but not running");
@@ -375,7 +375,7 @@ fn commands_outside_the_room_are_clipped_and_told_once() {
     let mut flight = after(10, Limits::default());
     for _ in 0..3 {
         let (_, order) = flight.tick_with(flight.seen(), Proposal::Command([5.0, 0.0, 0.0]));
-        assert_eq!(order.setpoint, Some([2.2, 0.0, 0.8]));
+        assert_eq!(order.setpoint, Some([2.2, 0.0, 0.8].into()));
     }
     assert_eq!(flight.supervisor.take_events().len(), 1);
 }
@@ -443,7 +443,7 @@ fn the_abort_ladder_goes_down_rung_by_rung_and_never_up() {
     assert!(
         streamed
             .iter()
-            .all(|order| order.setpoint == Some([1e-3 * 9.0, 0.0, 1.5]))
+            .all(|order| order.setpoint == Some([1e-3 * 9.0, 0.0, 1.5].into()))
     );
     assert_eq!(flight.good(), *last);
 }
@@ -544,7 +544,7 @@ fn below_the_room_an_abort_lands_and_on_the_ground_it_stops() {
     let order = standing.decide(0.0, Proposal::Command([0.0, 0.0, 1.5]));
     assert_eq!(
         (order.mode, order.setpoint),
-        (Mode::Standby, Some([0.0, 0.0, 1.5]))
+        (Mode::Standby, Some([0.0, 0.0, 1.5].into()))
     );
     let mut climbing = standing.clone();
     climbing.take_off();
@@ -557,4 +557,41 @@ fn below_the_room_an_abort_lands_and_on_the_ground_it_stops() {
     slow.take_off();
     slow.advance(Limits::default().climb_s);
     assert!(matches!(slow.reason(), Some(Reason::NotAirborne { .. })));
+}
+
+#[test]
+fn velocities_are_those_of_what_is_sent_and_zero_where_it_stands_still() {
+    let mut flight = Flight::new(Limits::default());
+    flight.supervisor = flight.supervisor.with_feedforward(Feedforward::Velocity);
+    let mut sent = |proposal: Proposal| {
+        let (_, order) = flight.tick_with(flight.seen(), proposal);
+        (order.setpoint.unwrap(), flight.supervisor.take_events())
+    };
+    let (hover, _) = sent(HOVER);
+    assert_eq!(hover.velocity, Some([0.0; 3]));
+    let (moved, events) = sent(Proposal::Command([0.1, -0.05, 1.5]));
+    let velocity = moved.velocity.unwrap();
+    assert!((velocity[0] - 2.0).abs() < 1e-9 && (velocity[1] + 1.0).abs() < 1e-9 && velocity[2] == 0.0);
+    assert!(events.is_empty());
+    // A tick without an answer repeats the position: it does not move.
+    let (late, _) = sent(Proposal::Late);
+    assert_eq!((late.position, late.velocity), (moved.position, Some([0.0; 3])));
+    // A jump is fed forward no faster than allowed, which is said once.
+    let (fast, events) = sent(Proposal::Command([1.1, -0.05, 1.5]));
+    assert!((fast.velocity.unwrap()[0] - 6.0).abs() < 1e-9, "{fast:?}");
+    let [Event { kind, .. }] = events[..] else {
+        panic!("{events:?}")
+    };
+    assert_eq!(
+        kind.to_string(),
+        "commands move at 20.00 m/s: fed forward as 6 m/s"
+    );
+    assert!(sent(Proposal::Command([0.1, -0.05, 1.5])).1.is_empty());
+    // What is clipped moves as far as it is sent.
+    let (clipped, _) = sent(Proposal::Command([0.1, -0.05, 9.0]));
+    assert_eq!(clipped.position[2], 2.4);
+    // An abort holds: the jump back to where the vehicle is is no velocity.
+    let (held, _) = sent(Proposal::Failed);
+    assert_ne!(held.position, clipped.position);
+    assert_eq!(held.velocity, Some([0.0; 3]));
 }

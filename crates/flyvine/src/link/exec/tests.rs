@@ -56,7 +56,7 @@ fn fly_to_fault(mut vehicle: ExecVehicle) -> ExecError {
         return exec_error(error);
     }
     for _ in 0..20 {
-        if let Err(error) = vehicle.step([0.0, 0.0, 1.5], SHORT) {
+        if let Err(error) = vehicle.step([0.0, 0.0, 1.5].into(), SHORT) {
             return exec_error(error);
         }
     }
@@ -69,14 +69,14 @@ fn a_good_child_flies_is_reset_and_closes() {
     for _ in 0..2 {
         assert_eq!(vehicle.reset(SHORT, u64::MAX).unwrap().t_s, 0.0);
         for k in 1..50 {
-            let observation = vehicle.step([0.1, 0.2, 1.5], SHORT).unwrap();
+            let observation = vehicle.step([0.1, 0.2, 1.5].into(), SHORT).unwrap();
             assert!((observation.t_s - k as f64 * DT).abs() < 1e-12);
             assert_eq!(observation.end_effector.is_none(), k == 2);
         }
     }
     vehicle.close().unwrap();
     vehicle.close().unwrap();
-    let error = exec_error(vehicle.step([0.0, 0.0, 1.5], SHORT).unwrap_err());
+    let error = exec_error(vehicle.step([0.0, 0.0, 1.5].into(), SHORT).unwrap_err());
     assert!(matches!(error.fault, ExecFault::Gone));
 }
 
@@ -127,13 +127,41 @@ fn the_child_sees_the_protocol() {
     };
     let mut vehicle = ExecVehicle::spawn(&shell_words::join(["sh", "-c", script]), options).unwrap();
     vehicle.reset(SHORT, 3).unwrap();
-    let error = exec_error(vehicle.step([0.5, -1.0, 1.5], SHORT).unwrap_err());
+    let error = exec_error(vehicle.step([0.5, -1.0, 1.5].into(), SHORT).unwrap_err());
     assert!(matches!(error.fault, ExecFault::Died { .. }), "{error}");
     assert_eq!(
         error.stderr,
         r#"{"cmd":[0.5,-1.0,1.5],"length_m":0.7,"pressure_kpa":0.0}"#
     );
     assert_eq!(seen.lock().unwrap().trim_ascii_end(), error.stderr.as_bytes());
+}
+
+#[test]
+fn the_child_sees_velocities_where_they_are_sent() {
+    // The child answers with what it was sent: the position as the quadrotor's, the velocity as the tip's.
+    let mut vehicle = python(
+        "for k, line in enumerate(sys.stdin):\n\
+         \x20   sent = json.loads(line)\n\
+         \x20   if 'close' in sent: break\n\
+         \x20   print(json.dumps(dict(t_s=k * 0.05, qr=sent.get('cmd'), q=[1, 0, 0, 0] if 'cmd' in sent else None,\n\
+         \x20                         ee=sent.get('cmd_velocity'))), flush=True)",
+    );
+    vehicle.reset(SHORT, 1).unwrap();
+    let setpoint = Setpoint {
+        position: [0.1, -0.2, 1.5],
+        velocity: Some([0.25, -1.5, 1e-3]),
+    };
+    let with = vehicle.step(setpoint, SHORT).unwrap();
+    assert_eq!(with.quadrotor.unwrap().position, setpoint.position);
+    assert_eq!(with.end_effector, setpoint.velocity);
+    let without = vehicle.step(setpoint.position.into(), SHORT).unwrap();
+    assert_eq!(without.end_effector, None);
+    let broken = Setpoint {
+        velocity: Some([0.0, f64::NAN, 0.0]),
+        ..setpoint
+    };
+    let error = exec_error(vehicle.step(broken, SHORT).unwrap_err());
+    assert!(matches!(error.fault, ExecFault::NotFinite(_)), "{error}");
 }
 
 #[test]
@@ -240,7 +268,7 @@ fn time_must_follow_the_commands() {
     let mut vehicle = python("serve(lambda k: pose(k, t_s=k * 0.0501 + 0.004))");
     vehicle.reset(SHORT, 1).unwrap();
     for _ in 0..100 {
-        vehicle.step([0.0, 0.0, 1.5], SHORT).unwrap();
+        vehicle.step([0.0, 0.0, 1.5].into(), SHORT).unwrap();
     }
 }
 
@@ -282,7 +310,7 @@ fn a_chatty_end_does_not_hold_the_exit_up() {
 fn what_json_cannot_carry_is_not_sent() {
     let mut vehicle = python("serve(pose)");
     vehicle.reset(SHORT, 1).unwrap();
-    let error = exec_error(vehicle.step([0.0, f64::NAN, 1.5], SHORT).unwrap_err());
+    let error = exec_error(vehicle.step([0.0, f64::NAN, 1.5].into(), SHORT).unwrap_err());
     assert!(matches!(error.fault, ExecFault::NotFinite(_)), "{error}");
 }
 

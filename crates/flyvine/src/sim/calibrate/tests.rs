@@ -14,7 +14,7 @@ fn swing(parameters: &VehicleParameters) -> Recording {
     let mut recording = Recording {
         name: "made".to_owned(),
         configurations: vec![configuration; commands.len()],
-        velocities: vec![[0.0; 3]; commands.len()],
+        velocities: vec![None; commands.len()],
         commands,
         measured: Measured::Rows {
             quadrotor: vec![],
