@@ -22,6 +22,7 @@ mod fly_autopilot;
 mod learn;
 mod man;
 mod merge;
+mod mix;
 mod mocap;
 mod onboard;
 mod outcome;
@@ -69,6 +70,7 @@ enum Command {
     Demo(demo::DemoArguments),
     Fit(fit::FitArguments),
     Check(check::CheckArguments),
+    Mix(mix::MixArguments),
     Plan(plan::PlanArguments),
     Fly(fly::FlyArguments),
     Rehearse(rehearse::RehearseArguments),
@@ -98,6 +100,7 @@ fn main() -> ExitCode {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
         Command::Check(arguments) => check::run(arguments),
+        Command::Mix(arguments) => mix::run(arguments),
         Command::Plan(arguments) => plan::run(arguments),
         Command::Fly(arguments) => fly::run(arguments),
         Command::Rehearse(arguments) => rehearse::run(arguments),

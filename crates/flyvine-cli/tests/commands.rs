@@ -153,6 +153,31 @@ fn a_physical_bank_is_reported_excited_and_learnt_with() {
     assert!(corner["parameters"][0]["standard_error"].as_f64().unwrap() > 0.0);
     assert_eq!(corner["timing"]["flights"].as_array().unwrap().len(), 3);
 
+    let bank = |value: &str| format!("{value}={}", file("bank.json").display());
+    let mix = |at: &str| {
+        let mut command = flyvine();
+        command.args([
+            "mix",
+            "--along",
+            "payload_kg",
+            &bank("0"),
+            &bank("0.05"),
+            "--at",
+            at,
+            "--out",
+        ]);
+        command.arg(file("mixed.json")).assert()
+    };
+    mix("0.06")
+        .code(2)
+        .stderr(contains("payload_kg = 0.06").and(contains("[0.0, 0.05]")));
+    mix("0.02").success();
+    let (fitted, mixed) = (json("bank.json"), json("mixed.json"));
+    assert_eq!(mixed["provenance"]["between"]["at"], 0.02);
+    let gain =
+        |bank: &serde_json::Value| bank["models"][0]["model"]["parameters"]["position_gain_xy"].as_f64();
+    assert!((gain(&mixed).unwrap() - gain(&fitted).unwrap()).abs() < 1e-12);
+
     let designed = flyvine()
         .arg("excite")
         .arg(file("bank.json"))

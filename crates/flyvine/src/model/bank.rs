@@ -74,6 +74,21 @@ pub struct BankProvenance {
     pub options: FitOptions,
     /// What the fit chose under these options; `None` if the models were not fitted here.
     pub chosen: Option<Candidate>,
+    /// Where between two fitted banks this one lies; `None` if it was fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub between: Option<Between>,
+}
+
+/// Where a bank lies between two that were fitted, along a variable that is neither length nor pressure.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Between {
+    /// Name of the variable, with its unit, as in `payload_kg`.
+    pub variable: String,
+    /// The values that the two were fitted at, ascending.
+    pub fitted_at: [f64; 2],
+    /// Its own value.
+    pub at: f64,
 }
 
 /// A file and its hash.

@@ -309,6 +309,7 @@ fn assemble(
         inputs: Vec::new(),
         options: options.clone(),
         chosen: Some(chosen.clone()),
+        between: None,
     };
     Bank::new(models, provenance)
 }

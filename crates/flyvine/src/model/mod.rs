@@ -16,6 +16,7 @@
 //! - [`fit_physical_bank`]: the same with the physical family ([`physical`]). [`fit_families`]: whichever family
 //!   predicts held-out flights better, with a band of confidence about its predictions.
 //! - [`bootstrap`]: an ensemble of models that the flights allow. [`Learner`]: a model refitted to flights of a task.
+//! - [`bank_between`]: banks that were fitted along a third variable (a payload) → the bank at a value in between.
 //! - [`check`]: one-step and rollout errors of a bank on flights → [`CheckReport`].
 
 mod band;
@@ -36,6 +37,7 @@ mod lag;
 mod learning;
 mod least_squares;
 mod matrix_file;
+mod mix;
 mod noise;
 mod one_step;
 mod options;
@@ -56,7 +58,7 @@ mod track;
 pub use band::{BAND_CONFIDENCE, PredictionBand};
 pub(crate) use bank::same;
 pub use bank::{
-    Bank, BankModel, BankProvenance, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
+    Bank, BankModel, BankProvenance, Between, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
     PRESSURE_TOLERANCE_KPA,
 };
 pub use bank_file::BANK_SCHEMA_VERSION;
@@ -71,6 +73,7 @@ pub use findings::Finding;
 pub use fit::{FitReport, fit_bank};
 pub use lag::{CommandInputs, HEIGHT_ROW, LagModel, MAX_LAGS, QuadraticTerms, STATE_LEN};
 pub use learning::{Learner, Lesson, WeightTrial};
+pub use mix::bank_between;
 pub use noise::{BodyNoise, NoiseLevelError, NoiseLevels, SurroundingsNoise};
 pub use options::{FitOptions, Positions, Refinement, Ridge, Structure, VelocityInput};
 pub use physical_bank::{CornerFit, PhysicalFitReport, fit_physical_bank, refit_physical_bank};

@@ -151,6 +151,7 @@ fn join(
         inputs: Vec::new(),
         options: FitOptions::default(),
         chosen: None,
+        between: None,
     };
     let bank = Bank::new(models, provenance)?.with_support(Some(Support::of(flights)))?;
     Ok((bank, report))

@@ -271,6 +271,7 @@ impl PartialFit {
                 corners: None,
                 interior: None,
             }),
+            between: None,
         };
         self.unused.sort_unstable(); // not by when they turned out to be interior
         let report = StreamReport {

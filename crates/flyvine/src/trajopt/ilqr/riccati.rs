@@ -248,7 +248,11 @@ impl WithSimd for Finish<'_> {
         let out = &mut next_value[..state * value_stride];
         // Beyond these columns P₁₂ S is zero: worth a pass of its own where it is more than one vector.
         let zeros = (state - fresh).next_multiple_of(S::F64_LANES);
-        let split = if zeros + S::F64_LANES < state { zeros } else { state };
+        let split = if zeros + S::F64_LANES < state {
+            zeros
+        } else {
+            state
+        };
         SumOfProducts {
             accumulate: false,
             addends,
