@@ -9,8 +9,8 @@ const RECORD_HEAD: usize = 1 + 8;
 const CHUNK_HEAD: usize = 8 + 8 + 8 + 4;
 
 /// The part of an MCAP file in front of its first record that is damaged in a way that the crate `mcap` 0.26 does not look
-/// for: a string longer than its record, of which it allocates the length, or a record longer than what is left of its chunk,
-/// of which it adds and subtracts the lengths and panics wherever overflow is checked.
+/// for: a string longer than its record, of which it allocates the length; a record longer than what is left of its chunk, of
+/// which it adds and subtracts the lengths and panics wherever overflow is checked; or one whose end no number counts.
 pub fn sound_mcap(bytes: &[u8]) -> &[u8] {
     let mut at = MAGIC.len();
     while let Some(record) = bytes.get(at..).and_then(Counted::record) {
@@ -19,7 +19,7 @@ pub fn sound_mcap(bytes: &[u8]) -> &[u8] {
             return &bytes[..at];
         }
         let Some(next) = record.length.checked_add(at + RECORD_HEAD) else {
-            break;
+            return &bytes[..at];
         };
         at = next;
     }

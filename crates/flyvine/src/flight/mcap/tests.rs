@@ -113,13 +113,15 @@ fn what_is_no_flight_is_refused() {
 }
 
 /// What a fuzzer found: records that are longer than what is left of their chunk, the second in a chunk that is cut off, and
-/// a name of 4 GB. With overflow checks, as in a debug build, or little memory, the crate `mcap` would not survive them.
+/// a name of 4 GB, and a record of 2⁶⁴ − 1 bytes. The crate `mcap` would not survive the last, nor, with overflow checks as in a
+/// debug build or with little memory, the others.
 #[test]
 fn lengths_past_their_end_are_damage() {
     for damaged in [
         &include_bytes!("../../../tests/fixtures/record_past_its_chunk.mcap")[..],
         &include_bytes!("../../../tests/fixtures/record_past_its_cut_chunk.mcap")[..],
         &include_bytes!("../../../tests/fixtures/string_past_its_record.mcap")[..],
+        &include_bytes!("../../../tests/fixtures/endless_record.mcap")[..],
     ] {
         assert!(sound_mcap(damaged).len() < damaged.len());
         assert!(parse_mcap("damaged", damaged).is_err() && parse_steps("damaged", damaged).is_err());
