@@ -63,6 +63,7 @@ fn strings_fit(opcode: u8, record: &Counted) -> bool {
         op::SCHEMA => (2, 2, false),
         op::CHANNEL => (4, 2, true),
         op::CHUNK => (CHUNK_HEAD, 1, false),
+        op::CHUNK_INDEX => (chunk_index_head(record.there), 1, false),
         op::ATTACHMENT => (2 * 8, 2, false),
         op::ATTACHMENT_INDEX => (5 * 8, 2, false),
         op::METADATA => (0, 1, true),
@@ -85,6 +86,15 @@ fn strings_fit(opcode: u8, record: &Counted) -> bool {
         Some(())
     };
     all_fit().is_some()
+}
+
+/// What is in front of a chunk index's compression, bytes: times, place and length of the chunk, pairs of a channel (2) and an
+/// offset (8) until as many bytes as their count are read, and the length of the message index.
+fn chunk_index_head(index: &[u8]) -> usize {
+    const OFFSETS: usize = 4 * 8;
+    const PAIR: usize = 2 + 8;
+    let offsets = index.get(OFFSETS..).and_then(|rest| Counted::new(rest, 4));
+    OFFSETS + 4 + offsets.map_or(0, |pairs| pairs.length.next_multiple_of(PAIR)) + 8
 }
 
 /// What is behind the string that `bytes` begin with, which is nothing where not even its length is there; `None` if it is longer

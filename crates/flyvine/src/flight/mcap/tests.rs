@@ -121,6 +121,7 @@ fn lengths_past_their_end_are_damage() {
         &include_bytes!("../../../tests/fixtures/record_past_its_chunk.mcap")[..],
         &include_bytes!("../../../tests/fixtures/record_past_its_cut_chunk.mcap")[..],
         &include_bytes!("../../../tests/fixtures/string_past_its_record.mcap")[..],
+        &include_bytes!("../../../tests/fixtures/string_past_its_chunk_index.mcap")[..],
         &include_bytes!("../../../tests/fixtures/endless_record.mcap")[..],
     ] {
         assert!(sound_mcap(damaged).len() < damaged.len());
