@@ -11,7 +11,7 @@
 
 use super::band::PredictionBand;
 use super::bank::{Bank, BankModel, BankProvenance, Between, ModelDiagnostics, same};
-use super::error::{ModelError, require_finite};
+use super::error::{ModelError, display, require_finite};
 use super::family::Model;
 use super::support::Support;
 
@@ -73,10 +73,10 @@ pub fn bank_between(variable: &str, banks: &[(f64, Bank)], value: f64) -> Result
             .filter(|_| a.models().len() == b.models().len())
             .ok_or_else(|| {
                 let configurations = |bank: &Bank| {
-                    let all = bank.models().iter().map(|model| model.configuration);
-                    all.collect::<Vec<_>>()
+                    let all = bank.models().iter().map(|model| display(&model.configuration));
+                    all.collect::<Vec<_>>().join("; ")
                 };
-                let found = format!("{:?} and {:?}", configurations(a), configurations(b));
+                let found = format!("{} and {}", configurations(a), configurations(b));
                 unsupported("configurations of the banks", found, "the same in both")
             })?;
         if let Some(what) = first.model.structure_difference(&second.model) {
