@@ -1,5 +1,5 @@
-//! ROS 2 with a node of the package `cyclonedds` at the other end, both ways. Only with the feature `ros2`, and by hand:
-//! CONTRIBUTING.md has the command, which keeps DDS in a network of its own.
+//! ROS 2 with a node of the package `cyclonedds` at the other end, both ways. Only with the feature `ros2`, and by
+//! `.ci/ros2`, which keeps DDS in a network of its own.
 #![cfg(feature = "ros2")]
 
 use std::path::Path;
@@ -14,7 +14,7 @@ use flyvine_link::ros2::{RosAddress, RosPublisher, TOPICS};
 const DOMAIN: &str = "87";
 
 #[test]
-#[ignore = "DDS needs a network of its own: CONTRIBUTING.md"]
+#[ignore = "DDS needs a network of its own: .ci/ros2"]
 fn a_cyclonedds_node_reads_our_topics_and_we_read_its() {
     let python = std::env::var("FLYVINE_PEERS_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let mut node = Command::new(python)

@@ -148,7 +148,7 @@ impl Writers {
     /// Waits for readers to acknowledge the last messages, but not for long.
     fn wait(&self) {
         for writer in [&self.quadrotor, &self.setpoint] {
-            let _ = writer.writer.wait_for_acknowledgments(PATIENCE.into());
+            let _ = writer.writer.wait_for_acknowledgments(PATIENCE);
         }
     }
 }
