@@ -19,6 +19,7 @@ mod fit_stream;
 mod flights;
 mod fly;
 mod fly_autopilot;
+mod help;
 mod learn;
 mod man;
 mod merge;
@@ -42,7 +43,7 @@ mod view;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// From motion-capture logs to flights of a drone with a soft arm whose tip goes where it is told.
 ///
@@ -95,7 +96,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let command = help::flowing(Arguments::command());
+    let matches = command.clone().get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     outcome::exit_code(match &arguments.command {
         Command::Demo(arguments) => demo::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
@@ -119,7 +122,7 @@ fn main() -> ExitCode {
         Command::Onboard(arguments) => onboard::run(arguments),
         Command::Mocap(arguments) => mocap::run(arguments),
         Command::View(arguments) => view::run(arguments),
-        Command::Completions(arguments) => completions::run(arguments, Arguments::command()),
-        Command::Man(arguments) => man::run(arguments, &Arguments::command()),
+        Command::Completions(arguments) => completions::run(arguments, command),
+        Command::Man(arguments) => man::run(arguments, &command),
     })
 }
