@@ -59,7 +59,7 @@ impl Secant {
         let Shape { stride, fresh, .. } = self.shape;
         let hessians = self.hessians.chunks_exact_mut(self.shape.width() * stride);
         for (knot, hessian) in hessians.enumerate() {
-            if !self.known && new.jacobian(knot) == old.jacobian(knot) {
+            if !self.known && same(new.jacobian(knot), old.jacobian(knot)) {
                 continue; // linear so far
             }
             let points = new.point(knot).iter().zip(old.point(knot));
@@ -92,6 +92,11 @@ impl Secant {
             }
         }
     }
+}
+
+/// Whether all entries are equal, without a branch for each: for linear dynamics this is all that there is to do.
+fn same(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).fold(true, |same, (a, b)| same & (a == b))
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
