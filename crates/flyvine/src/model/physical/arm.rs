@@ -14,9 +14,12 @@
 use super::parameters::Parameters;
 use super::scalar::Scalar;
 use super::state::{LINKS, State};
+use super::step::SUBSTEP_S;
 use super::vector::{Attitude, Vector};
 use crate::GRAVITY;
 use serde::{Deserialize, Serialize};
+
+const GRAVITY_VECTOR: [f64; 3] = [0.0, 0.0, -GRAVITY];
 
 /// Length of the arm and how fast it grows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -30,6 +33,7 @@ pub struct ArmLength {
 
 impl ArmLength {
     /// An arm that does not grow.
+    #[inline(always)]
     pub fn constant(length_m: f64) -> Self {
         ArmLength {
             length_m,
@@ -61,6 +65,7 @@ struct Link<S> {
 }
 
 /// Link lengths and their rates from the base outwards.
+#[inline(always)]
 pub fn link_lengths<S: Scalar>(parameters: &Parameters<S>, arm: ArmLength) -> [(S, S); LINKS] {
     let length = -parameters.base_offset + arm.length_m;
     let outer = -parameters.joint_fraction + 1.0;
@@ -68,6 +73,7 @@ pub fn link_lengths<S: Scalar>(parameters: &Parameters<S>, arm: ArmLength) -> [(
 }
 
 /// Position and velocity of the arm's base, which rides on the quadrotor.
+#[inline(always)]
 pub fn base<S: Scalar>(parameters: &Parameters<S>, state: &State<S>) -> (Vector<S>, Vector<S>) {
     let rotation = state.rotation();
     let offset = base_offset(parameters);
@@ -78,12 +84,14 @@ pub fn base<S: Scalar>(parameters: &Parameters<S>, state: &State<S>) -> (Vector<
 }
 
 /// The base in body coordinates.
+#[inline(always)]
 fn base_offset<S: Scalar>(parameters: &Parameters<S>) -> Vector<S> {
     Vector([S::from(0.0), S::from(0.0), -parameters.base_offset])
 }
 
 /// `θ / sin θ` as a function of `u = (1 − cos θ)/2`: the series `Σ (2ⁿ n!)² uⁿ / (2n + 1)!`, cut after u⁶,
 /// so that a linear bending torque `k θ` stays smooth at any angle (4 % soft at 120°).
+#[inline(always)]
 fn angle_over_sine<S: Scalar>(u: S) -> S {
     const SERIES: [f64; 7] = [
         1.0,
@@ -103,6 +111,16 @@ fn angle_over_sine<S: Scalar>(u: S) -> S {
 
 /// Accelerations of quadrotor and arm under thrust, gravity, drag in air that moves with `wind` (m/s), bending and the
 /// links' tensions.
+///
+/// Inner masses are light and bases heavily damped, so that the slip rates s at the joints settle within a substep h.
+/// What damps them is therefore the rate at the substep's end, which is stable however strong it is:
+///
+/// ```text
+/// τ = −C s⁺,     s⁺ = s + h (ṡ₀ − W C s⁺)  ⇒  (I + h W C) s⁺ = s + h ṡ₀
+/// ```
+///
+/// with ṡ₀ what everything but damping does to the rates, and W what a unit torque at each joint does ([`mobility`]).
+#[inline(always)]
 pub fn accelerations<S: Scalar>(
     parameters: &Parameters<S>,
     arm: ArmLength,
@@ -112,98 +130,207 @@ pub fn accelerations<S: Scalar>(
     wind: &Vector<S>,
 ) -> ArmAccelerations<S> {
     let p = parameters;
-    let up = rotation.up();
-    let masses = [p.joint_mass, p.tip_mass];
-    let drags = [p.joint_drag, p.tip_drag];
-    let stiffnesses = [p.base_stiffness, p.joint_stiffness];
-    let dampings = [p.base_damping, p.joint_damping];
-
-    // The base, and the rotational part of its acceleration, ω̇ × o + ω × (ω × o).
     let offset = base_offset(p);
     let rate = &state.body_rate;
-    let base_rotational =
-        rotation.rotate(&(body_acceleration.cross(&offset) + rate.cross(&rate.cross(&offset))));
+    let hanging = Hanging::new(p, arm, state, rotation, body_acceleration, wind);
+    let links = &hanging.links;
 
-    let lengths = link_lengths(p, arm);
-    let mut inner = base(p, state);
-    let links: [Link<S>; LINKS] = std::array::from_fn(|i| {
-        let outer = (state.points[i], state.point_velocities[i]);
-        let (length, length_rate) = lengths[i];
-        let direction = (outer.0 - inner.0) * length.recip();
-        let relative_velocity = outer.1 - inner.1;
-        inner = outer;
-        Link {
-            length,
-            direction,
-            direction_rate: (relative_velocity - direction * length_rate) * length.recip(),
-            relative_velocity,
-        }
-    });
-
-    // The arm's forces other than tensions, on the quadrotor (index 0) and the points (from 1).
-    let mut forces = [Vector::zero(); LINKS + 1];
+    let drags = [p.joint_drag, p.tip_drag];
+    let mut loads = Loads {
+        forces: [Vector::zero(); LINKS + 1],
+        torque: Vector::zero(),
+    };
     for i in 0..LINKS {
         let velocity = state.point_velocities[i] - *wind;
         let speed = (velocity.norm_squared() + 1e-6).sqrt();
-        forces[i + 1] = forces[i + 1] - velocity * (drags[i] * speed);
+        loads.forces[i + 1] = loads.forces[i + 1] - velocity * (drags[i] * speed);
+    }
+    let stiffnesses = [p.base_stiffness, p.joint_stiffness];
+    for i in 0..LINKS {
+        let (direction, neighbour) = (links[i].direction, hanging.neighbours[i]);
+        let half_versine = (S::from(1.0) - direction.dot(&neighbour)) * 0.5;
+        let elastic = stiffnesses[i] * angle_over_sine(half_versine);
+        hanging.bend(i, &(neighbour * elastic), &(direction * elastic), &mut loads);
     }
 
-    // Bending: joint i turns link i towards its inner neighbour (for i = 0 the body's down-axis) and the
-    // neighbour towards link i, with torque k θ, less damping.
-    let mut torque = Vector::zero();
-    for i in 0..LINKS {
-        let link = &links[i];
-        let (neighbour, neighbour_rate) = if i == 0 {
-            let down = up.scale(-1.0);
-            (down, rotation.rotate(rate).cross(&down))
-        } else {
-            (links[i - 1].direction, links[i - 1].direction_rate)
+    // s + h ṡ₀
+    let undamped = hanging.accelerations(&loads);
+    let body_torque = rotation.rotate_back(&undamped.torque) * p.arm_torque_gain;
+    let later_rate = *rate + (*body_acceleration + body_torque).scale(SUBSTEP_S);
+    let mut neighbour_rate = rotation.rotate(&later_rate).cross(&hanging.neighbours[0]);
+    let mut inner =
+        undamped.quadrotor + hanging.base_rotational + rotation.rotate(&body_torque.cross(&offset));
+    let mut slips = [Vector::zero(); LINKS];
+    for (i, link) in links.iter().enumerate() {
+        let rate_change = (undamped.points[i] - inner) * link.length.recip();
+        let link_rate = link.direction_rate + rate_change.scale(SUBSTEP_S);
+        slips[i] = link_rate - neighbour_rate;
+        (inner, neighbour_rate) = (undamped.points[i], link_rate);
+    }
+    for (i, torque) in damped(p, &hanging.lengths, slips).into_iter().enumerate() {
+        hanging.bend(i, &torque.scale(-1.0), &torque, &mut loads);
+    }
+    hanging.accelerations(&loads)
+}
+
+/// What is pulled at, besides by tensions.
+struct Loads<S> {
+    /// Forces on the quadrotor (index 0) and the points (from 1), N / kg.
+    forces: [Vector<S>; LINKS + 1],
+    /// Torque on the quadrotor, world coordinates, N m / kg.
+    torque: Vector<S>,
+}
+
+/// The arm below the quadrotor, as it hangs now.
+struct Hanging<S> {
+    links: [Link<S>; LINKS],
+    /// Lengths and their rates.
+    lengths: [(S, S); LINKS],
+    /// What joint i bends link i away from: for i = 0 the body's down-axis.
+    neighbours: [Vector<S>; LINKS],
+    masses: [S; LINKS],
+    /// The base from the quadrotor's reference point, world coordinates, m.
+    offset: Vector<S>,
+    /// The rotational part of its acceleration, ω̇ × o + ω × (ω × o), world coordinates, m/s².
+    base_rotational: Vector<S>,
+    /// Acceleration of the quadrotor without the arm, m/s².
+    quadrotor: Vector<S>,
+}
+
+impl<S: Scalar> Hanging<S> {
+    #[inline(always)]
+    fn new(
+        parameters: &Parameters<S>,
+        arm: ArmLength,
+        state: &State<S>,
+        rotation: &Attitude<S>,
+        body_acceleration: &Vector<S>,
+        wind: &Vector<S>,
+    ) -> Self {
+        let p = parameters;
+        let up = rotation.up();
+        let lengths = link_lengths(p, arm);
+        let mut inner = base(p, state);
+        let mut link = |i: usize| {
+            let outer = (state.points[i], state.point_velocities[i]);
+            let (length, length_rate) = lengths[i];
+            let direction = (outer.0 - inner.0) * length.recip();
+            let relative_velocity = outer.1 - inner.1;
+            inner = outer;
+            Link {
+                length,
+                direction,
+                direction_rate: (relative_velocity - direction * length_rate) * length.recip(),
+                relative_velocity,
+            }
         };
-        let half_versine = (S::from(1.0) - link.direction.dot(&neighbour)) * 0.5;
-        let elastic = stiffnesses[i] * angle_over_sine(half_versine);
-        let slip = (link.direction_rate - neighbour_rate) * dampings[i];
-        // Torque on this link about the joint: d × (k n − c (ḋ − ṅ)); as a couple of forces at its ends.
-        let pull = (neighbour * elastic - slip).perpendicular_to(&link.direction);
-        let force = pull * link.length.recip();
+        let links = [link(0), link(1)];
+        let (offset, rate) = (base_offset(p), &state.body_rate);
+        let total_mass = p.joint_mass + p.tip_mass + 1.0;
+        Hanging {
+            lengths,
+            neighbours: [up.scale(-1.0), links[0].direction],
+            links,
+            masses: [p.joint_mass, p.tip_mass],
+            offset: rotation.rotate(&offset),
+            base_rotational: rotation
+                .rotate(&(body_acceleration.cross(&offset) + rate.cross(&rate.cross(&offset)))),
+            quadrotor: up * (state.thrust * total_mass) - (state.velocity - *wind) * p.quadrotor_drag
+                + Vector::constant(GRAVITY_VECTOR),
+        }
+    }
+
+    /// Adds the torque at joint i that the pulls `on_link` and `on_neighbour` make at the tips of the unit vectors along
+    /// its link and its neighbour: as couples of forces at the ends of links and as a torque on the body.
+    #[inline(always)]
+    fn bend(&self, i: usize, on_link: &Vector<S>, on_neighbour: &Vector<S>, loads: &mut Loads<S>) {
+        let (link, neighbour) = (&self.links[i], &self.neighbours[i]);
+        let forces = &mut loads.forces;
+        let force = on_link.perpendicular_to(&link.direction) * link.length.recip();
         forces[i + 1] = forces[i + 1] + force;
         forces[i] = forces[i] - force;
-        let reaction = (link.direction * elastic + slip).perpendicular_to(&neighbour);
+        let reaction = on_neighbour.perpendicular_to(neighbour);
         if i == 0 {
-            torque = neighbour.cross(&reaction);
+            loads.torque = loads.torque + neighbour.cross(&reaction);
         } else {
-            let force = reaction * links[i - 1].length.recip();
+            let force = reaction * self.links[i - 1].length.recip();
             forces[i] = forces[i] + force;
             forces[i - 1] = forces[i - 1] - force;
         }
     }
 
-    // Accelerations without tensions.
-    let total_mass = p.joint_mass + p.tip_mass + 1.0;
-    let gravity = Vector::constant([0.0, 0.0, -GRAVITY]);
-    let thrust = up * (state.thrust * total_mass) - (state.velocity - *wind) * p.quadrotor_drag;
-    let mut free = [thrust + forces[0] + gravity; LINKS + 1];
-    for i in 0..LINKS {
-        free[i + 1] = forces[i + 1] * masses[i].recip() + gravity;
-    }
-
-    let tensions = tensions(&links, &lengths, &free, &masses, &base_rotational);
-    let mut points = [Vector::zero(); LINKS];
-    for i in 0..LINKS {
-        let mut pull = links[i].direction * -tensions[i];
-        if i + 1 < LINKS {
-            pull = pull + links[i + 1].direction * tensions[i + 1];
+    /// What `loads` and the tensions that they leave do.
+    #[inline(always)]
+    fn accelerations(&self, loads: &Loads<S>) -> ArmAccelerations<S> {
+        let mut free = [self.quadrotor + loads.forces[0]; LINKS + 1];
+        for i in 0..LINKS {
+            free[i + 1] = loads.forces[i + 1] * self.masses[i].recip() + Vector::constant(GRAVITY_VECTOR);
         }
-        points[i] = free[i + 1] + pull * masses[i].recip();
-    }
-    let pull = links[0].direction * tensions[0];
-    ArmAccelerations {
-        quadrotor: free[0] + pull,
-        points,
-        torque: torque + rotation.rotate(&offset).cross(&(forces[0] + pull)),
+        let tensions = tensions(
+            &self.links,
+            &self.lengths,
+            &free,
+            &self.masses,
+            &self.base_rotational,
+        );
+        let mut points = [Vector::zero(); LINKS];
+        for i in 0..LINKS {
+            let mut pull = self.links[i].direction * -tensions[i];
+            if i + 1 < LINKS {
+                pull = pull + self.links[i + 1].direction * tensions[i + 1];
+            }
+            points[i] = free[i + 1] + pull * self.masses[i].recip();
+        }
+        let pull = self.links[0].direction * tensions[0];
+        ArmAccelerations {
+            quadrotor: free[0] + pull,
+            points,
+            torque: loads.torque + self.offset.cross(&(loads.forces[0] + pull)),
+        }
     }
 }
 
+/// `C (I + h W C)⁻¹ s`.
+#[inline(always)]
+fn damped<S: Scalar>(
+    parameters: &Parameters<S>,
+    lengths: &[(S, S); LINKS],
+    [base, joint]: [Vector<S>; LINKS],
+) -> [Vector<S>; LINKS] {
+    let p = parameters;
+    let [w00, w01, w11] = mobility(p, lengths);
+    let [c0, c1] = [p.base_damping, p.joint_damping];
+    let [a00, a01] = [w00 * c0 * SUBSTEP_S + 1.0, w01 * c1 * SUBSTEP_S];
+    let [a10, a11] = [w01 * c0 * SUBSTEP_S, w11 * c1 * SUBSTEP_S + 1.0];
+    let scale = (a00 * a11 - a01 * a10).recip();
+    [
+        (base * a11 - joint * a01) * (scale * c0),
+        (joint * a00 - base * a10) * (scale * c1),
+    ]
+}
+
+/// The entries 00, 01, 11 of W: how a unit torque at each joint, base first, accelerates the angles of the joints, with the
+/// arm straight.
+#[inline(always)]
+fn mobility<S: Scalar>(parameters: &Parameters<S>, lengths: &[(S, S); LINKS]) -> [S; 3] {
+    let p = parameters;
+    let [inner, outer] = lengths.map(|(length, _)| length.recip());
+    let [joint, tip] = [p.joint_mass.recip(), p.tip_mass.recip()];
+    // A torque at the base turns the body by 1 + o / l, one at the inner joint, by its force on the base, by o / l.
+    let lever = p.base_offset * inner;
+    let turned = lever + 1.0;
+    [
+        (joint + 1.0) * inner * inner + p.arm_torque_gain * turned * turned,
+        -(joint * inner * (inner + outer) + inner * inner + p.arm_torque_gain * turned * lever),
+        tip * outer * outer
+            + joint * (inner + outer) * (inner + outer)
+            + inner * inner
+            + p.arm_torque_gain * lever * lever,
+    ]
+}
+
 /// Solves the tridiagonal system for the tensions (N / kg), from the tip inwards.
+#[inline(always)]
 fn tensions<S: Scalar>(
     links: &[Link<S>; LINKS],
     lengths: &[(S, S); LINKS],
@@ -248,6 +375,7 @@ fn tensions<S: Scalar>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::physical::parameters::PARAMETERS;
     use crate::model::physical::step::step;
 
     fn swinging() -> (Parameters<f64>, State<f64>) {
@@ -318,6 +446,71 @@ mod tests {
             assert!(curvature.abs() < 1e-9, "link {i}: {curvature}");
             inner = outer;
         }
+    }
+
+    #[test]
+    fn unit_torques_turn_the_joints_as_the_mobility_says() {
+        let p = Parameters::defaults();
+        let state = State::rest(&p, 0.8, [0.0, 0.0, 1.5]);
+        let arm = ArmLength::constant(0.8);
+        let zero = Vector::zero();
+        let hanging = Hanging::new(&p, arm, &state, &state.rotation(), &zero, &zero);
+        // Angular accelerations of the joints about y under a torque at one of them.
+        let turned = |at: Option<usize>| {
+            let mut loads = Loads {
+                forces: [zero; LINKS + 1],
+                torque: zero,
+            };
+            let pull = Vector([1.0, 0.0, 0.0]);
+            if let Some(joint) = at {
+                hanging.bend(joint, &pull, &pull.scale(-1.0), &mut loads);
+            }
+            let moved = hanging.accelerations(&loads);
+            let body = (moved.torque * p.arm_torque_gain).0[1];
+            let base = moved.quadrotor.0[0] - body * p.base_offset;
+            let [(inner, _), (outer, _)] = hanging.lengths;
+            let [x, tip] = moved.points.map(|point| point.0[0]);
+            let (first, second) = ((x - base) / inner, (tip - x) / outer);
+            [first + body, second - first]
+        };
+        let still = turned(None);
+        let column = |joint: usize| {
+            let turned = turned(Some(joint));
+            [turned[0] - still[0], turned[1] - still[1]]
+        };
+        let [w00, w01, w11] = mobility(&p, &hanging.lengths);
+        for (found, expected) in [(column(0), [w00, w01]), (column(1), [w01, w11])] {
+            for (found, expected) in found.into_iter().zip(expected) {
+                assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_stiffest_damping_of_the_lightest_joint_is_stable() {
+        let bound = |name: &str, upper: bool| {
+            let info = PARAMETERS.iter().find(|info| info.name == name).unwrap();
+            if upper { info.upper } else { info.lower }
+        };
+        let p = Parameters {
+            base_damping: bound("base_damping", true),
+            joint_damping: bound("joint_damping", true),
+            joint_mass: bound("joint_mass", false),
+            joint_fraction: bound("joint_fraction", false),
+            ..Parameters::defaults()
+        };
+        let mut state = State::rest(&p, 0.7, [0.0, 0.0, 1.5]);
+        let home = state.points[LINKS - 1];
+        for knot in 0..400 {
+            let command = if knot < 40 {
+                [0.5, -0.5, 1.5]
+            } else {
+                [0.0, 0.0, 1.5]
+            };
+            state = step(&p, ArmLength::constant(0.7), &state, &Vector(command));
+        }
+        let away = state.points[LINKS - 1] - home;
+        assert!(away.norm_squared().sqrt() < 0.01, "{away:?}");
     }
 
     #[test]

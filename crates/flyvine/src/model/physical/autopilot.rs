@@ -40,6 +40,7 @@ pub struct Setpoint<S> {
 }
 
 /// Evaluates the cascade for `setpoint`.
+#[inline(always)]
 pub fn autopilot<S: Scalar>(
     parameters: &Parameters<S>,
     state: &State<S>,

@@ -16,8 +16,8 @@ use crate::trajopt::Dynamics;
 const COMMAND_LEN: usize = 3;
 /// Variables of the Jacobian.
 const VARIABLES: usize = STATE_LEN + COMMAND_LEN;
-/// Variables of the Jacobian that knows the surroundings, too.
-const ALL_VARIABLES: usize = VARIABLES + SURROUNDINGS_LEN;
+/// Variables of the Jacobian that knows the surroundings, too: more than there are of anything else.
+pub const MOST_VARIABLES: usize = VARIABLES + SURROUNDINGS_LEN;
 
 impl PhysicalModel {
     /// [`Dynamics::step`] in moving air and with a load at the tip.
@@ -36,58 +36,26 @@ impl PhysicalModel {
         command: &[f64],
         fresh: &mut [f64],
         jacobian: &mut [f64],
-        by_surroundings: Option<&mut [f64]>,
+        mut by_surroundings: Option<&mut [f64]>,
     ) {
-        match by_surroundings {
-            None => self.linearize_by::<VARIABLES>(around, state, command, fresh, jacobian, &mut []),
-            Some(others) => {
-                self.linearize_by::<ALL_VARIABLES>(around, state, command, fresh, jacobian, others);
-            }
-        }
-    }
-
-    /// The Jacobian by the first V of state, command and surroundings: `jacobian`, and what of it is by surroundings.
-    fn linearize_by<const V: usize>(
-        &self,
-        around: &Surroundings,
-        state: &[f64],
-        command: &[f64],
-        fresh: &mut [f64],
-        jacobian: &mut [f64],
-        by_surroundings: &mut [f64],
-    ) {
-        let others_len = V - VARIABLES;
-        for (i, entry) in self.next::<V>(around, state, command).iter().enumerate() {
-            let (own, others) = entry.gradient.split_at(VARIABLES);
-            jacobian[i * VARIABLES..][..VARIABLES].copy_from_slice(own);
-            by_surroundings[i * others_len..][..others_len].copy_from_slice(others);
-            fresh[i] = entry.value;
-        }
-    }
-
-    /// The next state, differentiated by the first V of state, command and surroundings.
-    fn next<const V: usize>(
-        &self,
-        around: &Surroundings,
-        state: &[f64],
-        command: &[f64],
-    ) -> [Dual<V>; STATE_LEN] {
-        let variable = |value: f64, i: usize| {
-            if i < V {
-                Dual::variable(value, i)
-            } else {
-                Dual::from(value)
-            }
-        };
-        let parameters: Parameters<Dual<V>> = self.parameters.lift();
-        let state: [Dual<V>; STATE_LEN] = std::array::from_fn(|i| variable(state[i], i));
+        let variable = |value: f64, i: usize| Dual::variable(value, i);
+        let parameters: Parameters<Dual> = self.parameters.lift();
+        let state: [Dual; STATE_LEN] = std::array::from_fn(|i| variable(state[i], i));
         let command = Vector([0, 1, 2].map(|i| variable(command[i], STATE_LEN + i)));
         let around = around.to_array();
         let around = Surroundings::from_array(std::array::from_fn(|i| variable(around[i], VARIABLES + i)));
         let mut next = [Dual::from(0.0); STATE_LEN];
         let state = State::from_flat(&state);
         step_in(&parameters, self.arm, &around, &state, &command).write_flat(&mut next);
-        next
+        for (i, entry) in next.iter().enumerate() {
+            fresh[i] = entry.value;
+            let (own, others) = entry.gradient.split_at(VARIABLES);
+            jacobian[i * VARIABLES..][..VARIABLES].copy_from_slice(own);
+            if let Some(by_surroundings) = by_surroundings.as_deref_mut() {
+                by_surroundings[i * SURROUNDINGS_LEN..][..SURROUNDINGS_LEN]
+                    .copy_from_slice(&others[..SURROUNDINGS_LEN]);
+            }
+        }
     }
 }
 
@@ -180,7 +148,11 @@ mod tests {
                 assert_eq!(shifted(0, 0.0), fresh);
                 // In calm air the arm's drag, quadratic but for a small smooth part, has no difference quotient to
                 // compare with at its corner; what wind does is compared in wind.
-                let columns = if around == windy { ALL_VARIABLES } else { VARIABLES };
+                let columns = if around == windy {
+                    MOST_VARIABLES
+                } else {
+                    VARIABLES
+                };
                 for column in 0..columns {
                     let exact: Vec<f64> = match column.checked_sub(VARIABLES) {
                         None => jacobian.iter().skip(column).step_by(VARIABLES).copied().collect(),

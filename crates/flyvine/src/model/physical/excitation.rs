@@ -15,14 +15,14 @@ use super::step::step;
 use super::vector::Vector;
 use crate::model::support::{arm_angle, tilt};
 use crate::{DT, HOVER_HEIGHT_M};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, SVector};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 type Matrix = SMatrix<f64, PARAMETER_COUNT, PARAMETER_COUNT>;
-type Sensitive = State<Dual<PARAMETER_COUNT>>;
+type Sensitive = State<Dual>;
 
 /// Rows of a block, and of the return to the middle that must be possible after it.
 const BLOCK_ROWS: usize = 60;
@@ -189,7 +189,7 @@ fn fly(
             return None;
         }
         for (output, weight) in state.outputs().iter().zip(weights) {
-            let slopes = nalgebra::SVector::from(output.gradient);
+            let slopes = SVector::from_fn(|i, _| output.gradient[i]);
             gained.ger(weight, &slopes, &slopes, 1.0);
         }
     }

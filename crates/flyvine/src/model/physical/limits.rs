@@ -12,6 +12,7 @@ const ROUNDING: f64 = 0.04;
 const CLEAR: f64 = -18.0;
 
 /// `min(magnitude, limit)`, rounded; for magnitudes ≥ 0.
+#[inline(always)]
 pub fn limit_from_above<S: Scalar>(magnitude: S, limit: S) -> S {
     let width = limit * ROUNDING;
     let excess = (magnitude - limit) / width;
@@ -22,6 +23,7 @@ pub fn limit_from_above<S: Scalar>(magnitude: S, limit: S) -> S {
 }
 
 /// `max(value, limit)`, with a corner rounded over `width`.
+#[inline(always)]
 pub fn limit_from_below<S: Scalar>(value: S, limit: f64, width: f64) -> S {
     let shortfall = (-value + limit) * (1.0 / width);
     if shortfall.value() < CLEAR {
@@ -31,6 +33,7 @@ pub fn limit_from_below<S: Scalar>(value: S, limit: f64, width: f64) -> S {
 }
 
 /// Scales a vector so that its length is at most `limit`, rounded.
+#[inline(always)]
 pub fn limit_length<S: Scalar, const K: usize>(vector: [S; K], limit: S) -> [S; K] {
     let squared = vector.iter().fold(S::from(0.0), |sum, x| sum + *x * *x);
     if squared.value().sqrt() < limit.value() * (1.0 + CLEAR * ROUNDING) {
@@ -42,6 +45,7 @@ pub fn limit_length<S: Scalar, const K: usize>(vector: [S; K], limit: S) -> [S; 
 }
 
 /// [`limit_length`] of a [`Vector`].
+#[inline(always)]
 pub fn limit_vector<S: Scalar>(vector: Vector<S>, limit: S) -> Vector<S> {
     Vector(limit_length(vector.0, limit))
 }

@@ -13,7 +13,7 @@
 //! - **arm** (`arm.rs`): [`LINKS`](state::LINKS) rigid links with point masses, hung below the quadrotor, with
 //!   elastic damped joints (the first one towards the body's down-axis) and quadratic air drag; constraint
 //!   forces act on both bodies. Its length may change;
-//! - **time** (`step.rs`): semi-implicit Euler steps of 10 ms.
+//! - **time** (`step.rs`): semi-implicit Euler steps of 10 ms, the joints' damping implicit.
 //!
 //! The flat state is the nine outputs `x ∈ R⁹` followed by the hidden rest ([`STATE_LEN`] entries), so costs and
 //! constraints on outputs are costs and constraints on its first nine entries.

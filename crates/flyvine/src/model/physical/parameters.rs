@@ -143,7 +143,7 @@ impl Parameters<f64> {
 
     /// Variables of a derivative with respect to the coordinates. No feed-forward of velocities is a vehicle that is
     /// not sent any: then both feed-forwards are constants, of which flights say nothing.
-    pub fn variables(&self) -> Parameters<Dual<PARAMETER_COUNT>> {
+    pub fn variables(&self) -> Parameters<Dual> {
         let values = self.to_array();
         let mut variables = Parameters::from_array(std::array::from_fn(|i| {
             Dual::variable(values[i], i).chain(values[i], PARAMETERS[i].value_slope(values[i]))

@@ -1,5 +1,8 @@
 //! Numbers that may carry derivatives: one piece of model code serves simulation and its sensitivities.
 
+use super::dynamics::MOST_VARIABLES;
+use crate::kernel::padded;
+use pulp::{Arch, WithSimd};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A real number, or a real number with its gradient.
@@ -21,31 +24,42 @@ pub trait Scalar:
     /// `f(self)`, given the value `f` and the derivative `slope` there (the chain rule).
     fn chain(self, f: f64, slope: f64) -> Self;
 
+    /// Runs `operation` with the widest vectors that the machine has, where these numbers carry gradients.
+    fn vectorize<W: WithSimd>(operation: W) -> W::Output;
+
+    /// `Σ w x y` over triples `(w, x, y)`, with fewer passes over gradients than by single operations.
+    fn sum_of_products<const K: usize>(terms: [(f64, &Self, &Self); K]) -> Self;
+
     /// Square root, of a positive number.
+    #[inline(always)]
     fn sqrt(self) -> Self {
         let root = self.value().sqrt();
         self.chain(root, 0.5 / root)
     }
 
     /// Reciprocal.
+    #[inline(always)]
     fn recip(self) -> Self {
         let inverse = 1.0 / self.value();
         self.chain(inverse, -inverse * inverse)
     }
 
     /// Tangent.
+    #[inline(always)]
     fn tan(self) -> Self {
         let tan = self.value().tan();
         self.chain(tan, 1.0 + tan * tan)
     }
 
     /// Exponential.
+    #[inline(always)]
     fn exp(self) -> Self {
         let exp = self.value().exp();
         self.chain(exp, exp)
     }
 
     /// `ln(1 + eˣ)`, without overflow.
+    #[inline(always)]
     fn softplus(self) -> Self {
         let x = self.value();
         self.chain(x.max(0.0) + (-x.abs()).exp().ln_1p(), 1.0 / (1.0 + (-x).exp()))
@@ -60,21 +74,34 @@ impl Scalar for f64 {
     fn chain(self, f: f64, _slope: f64) -> f64 {
         f
     }
+
+    fn vectorize<W: WithSimd>(operation: W) -> W::Output {
+        operation.with_simd(pulp::Scalar::new())
+    }
+
+    #[inline(always)]
+    fn sum_of_products<const K: usize>(terms: [(f64, &f64, &f64); K]) -> f64 {
+        terms.iter().map(|(w, x, y)| w * *x * *y).sum()
+    }
 }
 
-/// A number and its gradient with respect to N variables (forward-mode differentiation).
+/// Room for derivatives by the most variables there are, those of a Jacobian; of whole vectors, so that loops over them
+/// have no remainders.
+const ROOM: usize = padded(MOST_VARIABLES);
+
+/// A number and its gradient (forward-mode differentiation).
 #[derive(Debug, Clone, Copy)]
-pub struct Dual<const N: usize> {
+pub struct Dual {
     /// The number.
     pub value: f64,
     /// Its partial derivatives.
-    pub gradient: [f64; N],
+    pub gradient: [f64; ROOM],
 }
 
-impl<const N: usize> Dual<N> {
+impl Dual {
     /// The variable number `index`, at `value`.
     pub fn variable(value: f64, index: usize) -> Self {
-        let mut gradient = [0.0; N];
+        let mut gradient = [0.0; ROOM];
         gradient[index] = 1.0;
         Dual { value, gradient }
     }
@@ -82,24 +109,25 @@ impl<const N: usize> Dual<N> {
     /// `value` with gradient `a ∇x + b ∇y`.
     #[inline(always)]
     fn combine(value: f64, a: f64, x: &Self, b: f64, y: &Self) -> Self {
-        let mut gradient = [0.0; N];
-        for i in 0..N {
+        let mut gradient = [0.0; ROOM];
+        for i in 0..ROOM {
             gradient[i] = a * x.gradient[i] + b * y.gradient[i];
         }
         Dual { value, gradient }
     }
 }
 
-impl<const N: usize> From<f64> for Dual<N> {
+impl From<f64> for Dual {
+    #[inline(always)]
     fn from(value: f64) -> Self {
         Dual {
             value,
-            gradient: [0.0; N],
+            gradient: [0.0; ROOM],
         }
     }
 }
 
-impl<const N: usize> Scalar for Dual<N> {
+impl Scalar for Dual {
     #[inline(always)]
     fn value(self) -> f64 {
         self.value
@@ -107,14 +135,36 @@ impl<const N: usize> Scalar for Dual<N> {
 
     #[inline(always)]
     fn chain(self, f: f64, slope: f64) -> Self {
+        let mut scaled = self.gradient;
+        for entry in &mut scaled {
+            *entry *= slope;
+        }
         Dual {
             value: f,
-            gradient: self.gradient.map(|g| slope * g),
+            gradient: scaled,
         }
+    }
+
+    fn vectorize<W: WithSimd>(operation: W) -> W::Output {
+        Arch::new().dispatch(operation)
+    }
+
+    #[inline(always)]
+    fn sum_of_products<const K: usize>(terms: [(f64, &Self, &Self); K]) -> Self {
+        let (mut value, mut gradient) = (0.0, [0.0; ROOM]);
+        for i in 0..ROOM {
+            for (w, x, y) in &terms {
+                gradient[i] += w * y.value * x.gradient[i] + w * x.value * y.gradient[i];
+            }
+        }
+        for (w, x, y) in terms {
+            value += w * x.value * y.value;
+        }
+        Dual { value, gradient }
     }
 }
 
-impl<const N: usize> Add for Dual<N> {
+impl Add for Dual {
     type Output = Self;
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -122,7 +172,7 @@ impl<const N: usize> Add for Dual<N> {
     }
 }
 
-impl<const N: usize> Sub for Dual<N> {
+impl Sub for Dual {
     type Output = Self;
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
@@ -130,7 +180,7 @@ impl<const N: usize> Sub for Dual<N> {
     }
 }
 
-impl<const N: usize> Mul for Dual<N> {
+impl Mul for Dual {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
@@ -138,7 +188,7 @@ impl<const N: usize> Mul for Dual<N> {
     }
 }
 
-impl<const N: usize> Div for Dual<N> {
+impl Div for Dual {
     type Output = Self;
     #[inline(always)]
     fn div(self, other: Self) -> Self {
@@ -153,7 +203,7 @@ impl<const N: usize> Div for Dual<N> {
     }
 }
 
-impl<const N: usize> Neg for Dual<N> {
+impl Neg for Dual {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -161,7 +211,7 @@ impl<const N: usize> Neg for Dual<N> {
     }
 }
 
-impl<const N: usize> Add<f64> for Dual<N> {
+impl Add<f64> for Dual {
     type Output = Self;
     #[inline(always)]
     fn add(mut self, other: f64) -> Self {
@@ -170,7 +220,7 @@ impl<const N: usize> Add<f64> for Dual<N> {
     }
 }
 
-impl<const N: usize> Sub<f64> for Dual<N> {
+impl Sub<f64> for Dual {
     type Output = Self;
     #[inline(always)]
     fn sub(mut self, other: f64) -> Self {
@@ -179,7 +229,7 @@ impl<const N: usize> Sub<f64> for Dual<N> {
     }
 }
 
-impl<const N: usize> Mul<f64> for Dual<N> {
+impl Mul<f64> for Dual {
     type Output = Self;
     #[inline(always)]
     fn mul(self, other: f64) -> Self {
@@ -200,7 +250,7 @@ mod tests {
     #[test]
     fn gradient_agrees_with_finite_differences() {
         for (x, y) in [(0.7, 1.3), (2.1, -0.4), (5.0, 3.0)] {
-            let dual = expression(Dual::<2>::variable(x, 0), Dual::variable(y, 1));
+            let dual = expression(Dual::variable(x, 0), Dual::variable(y, 1));
             let h = 1e-6;
             let slopes = [
                 (expression(x + h, y) - expression(x - h, y)) / (2.0 * h),
@@ -219,7 +269,7 @@ mod tests {
     #[test]
     fn softplus_neither_overflows_nor_underflows_to_nan() {
         for x in [-1e3, -40.0, 0.0, 40.0, 1e3] {
-            let y = Dual::<1>::variable(x, 0).softplus();
+            let y = Dual::variable(x, 0).softplus();
             assert!(y.value >= x.max(0.0) && y.value.is_finite());
             assert!((0.0..=1.0).contains(&y.gradient[0]));
         }

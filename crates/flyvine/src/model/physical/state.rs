@@ -192,6 +192,7 @@ impl<S: Scalar> State<S> {
     }
 
     /// The attitude as a quaternion.
+    #[inline(always)]
     pub fn rotation(&self) -> Attitude<S> {
         Attitude::from_vector_part(self.attitude)
     }

@@ -8,6 +8,7 @@ use super::state::{LINKS, State};
 use super::surroundings::Surroundings;
 use super::vector::Vector;
 use crate::DT;
+use pulp::{Simd, WithSimd};
 
 /// Substeps per knot.
 pub const SUBSTEPS: usize = 5;
@@ -35,27 +36,60 @@ pub fn step_in<S: Scalar>(
     state: &State<S>,
     command: &Vector<S>,
 ) -> State<S> {
-    let wind = Vector(around.wind_m_s);
-    let parameters = &Parameters {
-        tip_mass: parameters.tip_mass * (around.tip_load + 1.0),
-        ..*parameters
-    };
-    let mut now = *state;
-    for substep in 0..SUBSTEPS {
-        let setpoint = setpoint_in_force(parameters, state, command, (substep + 1) as f64 * SUBSTEP_S);
-        let length = ArmLength {
-            length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
-            ..arm
+    S::vectorize(Knot {
+        parameters,
+        arm,
+        around,
+        state,
+        command,
+    })
+}
+
+/// What happens during one knot.
+struct Knot<'a, S> {
+    parameters: &'a Parameters<S>,
+    arm: ArmLength,
+    around: &'a Surroundings<S>,
+    state: &'a State<S>,
+    command: &'a Vector<S>,
+}
+
+impl<S: Scalar> WithSimd for Knot<'_, S> {
+    type Output = State<S>;
+
+    // Everything below is inlined into here, where the compiler knows which vectors there are.
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _: V) -> State<S> {
+        let Knot {
+            parameters,
+            arm,
+            around,
+            state,
+            command,
+        } = self;
+        let wind = Vector(around.wind_m_s);
+        let parameters = &Parameters {
+            tip_mass: parameters.tip_mass * (around.tip_load + 1.0),
+            ..*parameters
         };
-        now = advance(parameters, length, &wind, &now, &setpoint);
+        let mut now = *state;
+        for substep in 0..SUBSTEPS {
+            let setpoint = setpoint_in_force(parameters, state, command, (substep + 1) as f64 * SUBSTEP_S);
+            let length = ArmLength {
+                length_m: arm.length_m + arm.rate_m_s * (substep + 1) as f64 * SUBSTEP_S,
+                ..arm
+            };
+            now = advance(parameters, length, &wind, &now, &setpoint);
+        }
+        now.commands.rotate_right(1);
+        now.commands[0] = *command;
+        now
     }
-    now.commands.rotate_right(1);
-    now.commands[0] = *command;
-    now
 }
 
 /// The set-point in force during the substep that ends at `t_s` after the knot: the transport delay after a command was
 /// sent it begins to replace the one before, by its share of the substep.
+#[inline(always)]
 fn setpoint_in_force<S: Scalar>(
     parameters: &Parameters<S>,
     state: &State<S>,
@@ -80,6 +114,7 @@ fn setpoint_in_force<S: Scalar>(
 }
 
 /// The share of a substep, ended `age_s` after a command was sent, in which that command was in force: 0 to 1.
+#[inline(always)]
 fn arrived<S: Scalar>(parameters: &Parameters<S>, age_s: f64) -> S {
     let share = (-parameters.command_delay + age_s) * (1.0 / SUBSTEP_S);
     if share.value() <= 0.0 {
@@ -92,6 +127,7 @@ fn arrived<S: Scalar>(parameters: &Parameters<S>, age_s: f64) -> S {
 }
 
 impl<S: Scalar> Setpoint<S> {
+    #[inline(always)]
     fn replacing(self, older: Self, share: S) -> Self {
         Setpoint {
             position: older.position + (self.position - older.position) * share,
@@ -102,6 +138,7 @@ impl<S: Scalar> Setpoint<S> {
 }
 
 /// One substep: velocities first, positions with the new velocities, then the arm back onto its lengths.
+#[inline(always)]
 fn advance<S: Scalar>(
     parameters: &Parameters<S>,
     arm: ArmLength,
@@ -147,6 +184,7 @@ fn advance<S: Scalar>(
 }
 
 /// Moves the links' outer ends to the links' lengths, and their velocities to what those allow.
+#[inline(always)]
 fn onto_lengths<S: Scalar>(parameters: &Parameters<S>, arm: ArmLength, state: &mut State<S>) {
     let (mut inner, mut inner_velocity) = base(parameters, state);
     for (i, (length, length_rate)) in link_lengths(parameters, arm).into_iter().enumerate() {

@@ -138,7 +138,7 @@ impl Misfit<'_> {
 
     fn flight_normal_equations(&self, flight: &FlightData, parameters: &Parameters<f64>) -> NormalEquations {
         let variables = parameters.variables();
-        let mut state: State<Dual<N>> = flight.start(0, &variables);
+        let mut state: State<Dual> = flight.start(0, &variables);
         let mut gradient = Column::zeros();
         let mut hessian = Matrix::zeros();
         for row in 0..flight.rows().min(self.rows) {
