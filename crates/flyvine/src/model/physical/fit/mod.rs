@@ -38,7 +38,7 @@ pub struct PhysicalFitOptions {
     pub robust_scale_m: f64,
     /// Rows that share one model error: residuals of neighbouring rows are not independent. Default 30.
     pub correlated_rows: f64,
-    /// Most iterations on whole flights. Default 10.
+    /// Most iterations on whole flights. Default 20.
     pub max_iterations: usize,
     /// Hold the parameters of the vehicle at these ([`Part::Vehicle`]) and fit the arm alone. Default: fit all.
     pub vehicle: Option<Parameters<f64>>,
@@ -58,7 +58,7 @@ impl Default for PhysicalFitOptions {
             attitude_sigma: 0.03,
             robust_scale_m: 0.05,
             correlated_rows: 30.0,
-            max_iterations: 10,
+            max_iterations: 20,
             vehicle: None,
             starts: Vec::new(),
             weights: BTreeMap::new(),
