@@ -191,14 +191,19 @@ pub fn band_line(band: &PredictionBand) -> String {
         .horizons_s
         .iter()
         .zip(&band.radii_m)
-        .map(|(horizon, radius)| format!("{} cm at {horizon} s", centimetres(*radius)))
+        .map(|(horizon, radius)| {
+            let leaning = band.radius_m(*horizon, std::f64::consts::FRAC_PI_6);
+            format!(
+                "{} to {} cm at {horizon} s",
+                centimetres(*radius),
+                centimetres(leaning)
+            )
+        })
         .collect();
     format!(
-        "{:.0} % of held-out predictions were within {} while the arm hung straight down, and {:.1} times that where it \
-         leant 30°",
+        "{:.0} % of held-out predictions were within {} (arm straight down, to leaning 30°)",
         100.0 * band.confidence,
-        radii.join(", "),
-        1.0 + band.growth_per_rad * std::f64::consts::FRAC_PI_6
+        radii.join(", ")
     )
 }
 

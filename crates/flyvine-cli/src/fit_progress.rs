@@ -79,6 +79,10 @@ impl Narrator {
             FamilyProgress::Chosen(family) => {
                 self.say(&format!("{family} family, on all flights"));
             }
+            FamilyProgress::Band(family) => {
+                self.end_stage();
+                self.say(&format!("{family} family, without another third of the flights, for the band of confidence"));
+            }
         }
     }
 

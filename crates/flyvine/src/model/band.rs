@@ -7,7 +7,7 @@
 //! σ(θ) = 1 + g θ,   radius(θ) = q σ(θ)
 //! ```
 //!
-//! and q is the quotient d / σ that all but a share α of the held-out windows keep within ("locally weighted" conformal
+//! at every horizon with g and q of its own; q is the quotient d / σ that all but a share α of the held-out windows keep within ("locally weighted" conformal
 //! prediction: Lei et al. 2018, "Distribution-free predictive inference for regression", Sec. 5.2): with n windows the
 //! ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are narrowest, by the mean logarithm of their
 //! radii. The guarantee is for flights like the held-out ones, all windows together; what leans farther than any of them
@@ -15,7 +15,7 @@
 
 use super::error::{ModelError, require_finite};
 use super::rollout::WindowError;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// Share of the windows that a band is to contain.
 pub const BAND_CONFIDENCE: f64 = 0.95;
@@ -35,9 +35,10 @@ pub struct PredictionBand {
     pub horizons_s: Vec<f64>,
     /// Radius at every horizon while the arm hangs straight down, m.
     pub radii_m: Vec<f64>,
-    /// By how much of that the radius grows per radian that the arm leans, 1/rad.
-    #[serde(default)]
-    pub growth_per_rad: f64,
+    /// By how much of that the radius at every horizon grows per radian that the arm leans, 1/rad; if there is one number,
+    /// it is that of all horizons, as in banks of earlier versions.
+    #[serde(default, deserialize_with = "one_or_many")]
+    pub growth_per_rad: Vec<f64>,
     /// Windows that the radius at every horizon was taken from.
     pub windows: Vec<usize>,
     /// Names of the held-out flights.
@@ -52,25 +53,8 @@ impl PredictionBand {
         windows: &[Vec<WindowError>],
         flights: Vec<String>,
     ) -> Option<Self> {
-        // The radius of an arm that hangs straight down, per horizon, as far as there is one.
-        let radii = |growth: f64| -> Vec<f64> {
-            let radius = |here: &Vec<WindowError>| conformal_quantile(here, growth);
-            windows.iter().map_while(radius).collect()
-        };
-        let mean_logarithm = |growth: f64| -> f64 {
-            let of_horizon = |(radius, here): (&f64, &Vec<WindowError>)| {
-                let logarithms = here
-                    .iter()
-                    .map(|window| (radius * spread(growth, window.arm_angle)).ln());
-                logarithms.sum::<f64>() / here.len() as f64
-            };
-            radii(growth).iter().zip(windows).map(of_horizon).sum()
-        };
-        let growth_per_rad = GROWTHS
-            .into_iter()
-            .min_by(|&a, &b| mean_logarithm(a).total_cmp(&mean_logarithm(b)))
-            .expect("a growth to try");
-        let radii_m = radii(growth_per_rad);
+        let (growth_per_rad, radii_m): (Vec<f64>, Vec<f64>) =
+            windows.iter().map_while(|here| narrowest(here)).unzip();
         let count = radii_m.len();
         (count > 0).then(|| PredictionBand {
             confidence: BAND_CONFIDENCE,
@@ -88,27 +72,36 @@ impl PredictionBand {
     /// The radius `t_s` after the prediction began, m, where the predicted arm has leant `arm_angle` (rad) at most:
     /// linear between the horizons, and kept before the first and after the last.
     pub fn radius_m(&self, t_s: f64, arm_angle: f64) -> f64 {
-        let (times, radii) = (&self.horizons_s, &self.radii_m);
-        let last = times.len() - 1;
-        let hanging = match times.iter().position(|&horizon| horizon >= t_s) {
-            Some(0) => radii[0],
-            None => radii[last],
+        let times = &self.horizons_s;
+        let radius = |horizon: usize| self.radii_m[horizon] * spread(self.growth(horizon), arm_angle);
+        match times.iter().position(|&horizon| horizon >= t_s) {
+            Some(0) => radius(0),
+            None => radius(times.len() - 1),
             Some(after) => {
                 let share = (t_s - times[after - 1]) / (times[after] - times[after - 1]);
-                radii[after - 1] + share * (radii[after] - radii[after - 1])
+                radius(after - 1) + share * (radius(after) - radius(after - 1))
             }
-        };
-        hanging * spread(self.growth_per_rad, arm_angle)
+        }
+    }
+
+    /// Growth of the radius at the horizon of this number, 1/rad.
+    pub fn growth(&self, horizon: usize) -> f64 {
+        let growths = &self.growth_per_rad;
+        growths.get(horizon).or(growths.last()).copied().unwrap_or(0.0)
     }
 
     /// Refuses what a damaged file may hold.
     pub(crate) fn validate(&self) -> Result<(), ModelError> {
         require_finite("radii of the band", &self.radii_m)?;
         require_finite("horizons of the band", &self.horizons_s)?;
-        if !(self.growth_per_rad >= 0.0 && self.growth_per_rad.is_finite()) {
+        let growths = &self.growth_per_rad;
+        if let Some(growth) = growths
+            .iter()
+            .find(|growth| !(**growth >= 0.0 && growth.is_finite()))
+        {
             return Err(ModelError::Unsupported {
                 what: "growth of the band, 1/rad",
-                found: self.growth_per_rad.to_string(),
+                found: growth.to_string(),
                 expected: "a number of at least 0".into(),
             });
         }
@@ -120,8 +113,44 @@ impl PredictionBand {
                 expected: count.max(1),
             });
         }
+        if growths.len() > 1 && growths.len() != count {
+            return Err(ModelError::Shape {
+                what: "growths of the band".into(),
+                found: growths.len(),
+                expected: count,
+            });
+        }
         Ok(())
     }
+}
+
+/// A list, or a number for a list of one.
+fn one_or_many<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum OneOrMany {
+        One(f64),
+        Many(Vec<f64>),
+    }
+    Ok(match OneOrMany::deserialize(deserializer)? {
+        OneOrMany::One(growth) => vec![growth],
+        OneOrMany::Many(growths) => growths,
+    })
+}
+
+/// The growth whose bands about `windows` are narrowest, and its radius of an arm that hangs straight down; `None` if there
+/// is no finite one.
+fn narrowest(windows: &[WindowError]) -> Option<(f64, f64)> {
+    let mean_logarithm = |&(growth, radius): &(f64, f64)| {
+        let logarithms = windows
+            .iter()
+            .map(|window| (radius * spread(growth, window.arm_angle)).ln());
+        logarithms.sum::<f64>() / windows.len() as f64
+    };
+    GROWTHS
+        .into_iter()
+        .filter_map(|growth| Some((growth, conformal_quantile(windows, growth)?)))
+        .min_by(|a, b| mean_logarithm(a).total_cmp(&mean_logarithm(b)))
 }
 
 /// σ.
@@ -187,7 +216,7 @@ mod tests {
             confidence: BAND_CONFIDENCE,
             horizons_s: vec![0.5],
             radii_m: vec![0.01],
-            growth_per_rad,
+            growth_per_rad: vec![growth_per_rad],
             windows: vec![100],
             flights: Vec::new(),
         };
@@ -196,6 +225,25 @@ mod tests {
             let error = band(growth).validate().unwrap_err().to_string();
             assert!(error.contains(&growth.to_string()), "{error}");
         }
+        let uneven = PredictionBand {
+            growth_per_rad: vec![1.0; 3],
+            ..band(0.0)
+        };
+        assert!(uneven.validate().unwrap_err().to_string().contains("growths"));
+    }
+
+    #[test]
+    fn one_growth_serves_all_horizons_as_in_earlier_banks() {
+        let text = r#"{"confidence": 0.95, "horizons_s": [0.5, 1.0], "radii_m": [0.01, 0.02], "growth_per_rad": 2.0,
+                       "windows": [99, 99], "flights": []}"#;
+        let band: PredictionBand = serde_json::from_str(text).unwrap();
+        band.validate().unwrap();
+        assert_eq!((band.radius_m(0.5, 0.5), band.radius_m(1.0, 0.5)), (0.02, 0.04));
+        let each = PredictionBand {
+            growth_per_rad: vec![2.0, 4.0],
+            ..band
+        };
+        assert_eq!(each.radius_m(1.0, 0.5), 0.06);
     }
 
     #[test]
@@ -219,7 +267,7 @@ mod tests {
             })
             .collect();
         let band = PredictionBand::of_windows(&[10], std::slice::from_ref(&held_out), Vec::new()).unwrap();
-        assert_eq!(band.growth_per_rad, 8.0);
+        assert_eq!(band.growth_per_rad, [8.0]);
         for leaning in [false, true] {
             let kind: Vec<&WindowError> = held_out
                 .iter()

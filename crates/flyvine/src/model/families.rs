@@ -2,7 +2,8 @@
 //!
 //! Every corner's flights are split: models of each family are fitted on the larger part and predict the rest (and
 //! the flights at interior or changing configurations) over whole rollouts. The better family is then fitted on
-//! everything; what its trial missed on the held-out flights becomes the bank's band of confidence.
+//! everything, and again without every other part of the flights in turn, so that each flight is held out once: what
+//! these models missed becomes the bank's band of confidence.
 
 use super::band::PredictionBand;
 use super::bank::Bank;
@@ -103,6 +104,8 @@ pub enum FamilyProgress<'a> {
     Tried(&'a FamilyTrial),
     /// A family was chosen and is about to be fitted on everything.
     Chosen(Family),
+    /// The chosen family is about to be fitted without another third of the flights, for its band of confidence.
+    Band(Family),
 }
 
 impl Chosen {
@@ -141,7 +144,8 @@ pub fn fit_families(
     options.lag.validate()?;
     refuse_duplicates(flights)?;
     let groups = group(flights)?;
-    let (kept, held_out) = split(flights, &groups);
+    let mut folds = folds(flights, &groups).into_iter();
+    let (kept, held_out) = folds.next().expect("a fold");
     let interior: Vec<Flight> = groups
         .interior
         .iter()
@@ -160,7 +164,7 @@ pub fn fit_families(
         let mut candidate = Candidate {
             family,
             start: None,
-            band: None,
+            windows: Vec::new(),
             score_m: f64::INFINITY,
         };
         match fit_one(family, &kept, None, options, progress)
@@ -169,7 +173,7 @@ pub fn fit_families(
             Ok((judged, bank)) => {
                 (trial.corners, trial.interior) = (judged.corners, judged.interior);
                 candidate.score_m = trial.score_m().unwrap_or(f64::INFINITY);
-                (candidate.start, candidate.band) = (Some(bank), judged.band);
+                (candidate.start, candidate.windows) = (Some(bank), judged.windows);
             }
             Err(error) => {
                 trial.failure = Some(error.to_string());
@@ -197,7 +201,7 @@ pub fn fit_families(
                 let followed = judge(&bank, flights, &[])?.corners;
                 let follows = followed.is_none_or(|error| error.diverged_share <= STRAY_SHARE);
                 if follows || fitted.is_none() {
-                    fitted = Some((bank.with_band(candidate.band)?, chosen));
+                    fitted = Some((bank, chosen, candidate.windows));
                 }
                 if follows {
                     break;
@@ -209,7 +213,19 @@ pub fn fit_families(
             }
         }
     }
-    if let Some((bank, chosen)) = fitted {
+    if let Some((bank, chosen, windows)) = fitted {
+        let judges = held_out.iter().chain(&interior).collect();
+        let others: Vec<_> = folds.collect();
+        let band = band(
+            &bank,
+            chosen.family(),
+            windows,
+            judges,
+            &others,
+            options,
+            progress,
+        )?;
+        let bank = bank.with_band(band)?;
         let report = FamiliesReport {
             trials,
             held_out: held_out
@@ -229,12 +245,39 @@ pub fn fit_families(
     }))
 }
 
+/// The band of `windows`, which the trial left on the flights `judges`, and of those of models fitted again, beginning with
+/// `bank`, without the flights that each of `others` holds out.
+fn band<'a>(
+    bank: &Bank,
+    family: Family,
+    mut windows: Vec<Vec<WindowError>>,
+    mut judges: Vec<&'a Flight>,
+    others: &'a [(Vec<Flight>, Vec<Flight>)],
+    options: &FamilyOptions,
+    progress: &mut dyn FnMut(FamilyProgress),
+) -> Result<Option<PredictionBand>, ModelError> {
+    if windows.is_empty() {
+        return Ok(None); // too few flights for the trial
+    }
+    for (kept, held_out) in others {
+        progress(FamilyProgress::Band(family));
+        // What is left may be too little to fit: then these flights do not judge.
+        if let Ok((without, _)) = fit_one(family, kept, Some(bank), options, progress) {
+            extend(&mut windows, judge(&without, held_out, &[])?.windows);
+            judges.extend(held_out);
+        }
+    }
+    let names = judges.iter().map(|flight| flight.name.clone()).collect();
+    Ok(PredictionBand::of_windows(&check::HORIZONS, &windows, names))
+}
+
 /// A family, and what its trial left.
 struct Candidate {
     family: Family,
     /// Its models of the kept flights.
     start: Option<Bank>,
-    band: Option<PredictionBand>,
+    /// Its windows on the held-out and interior flights, per horizon; none if there was no trial.
+    windows: Vec<Vec<WindowError>>,
     /// Infinite where there was nothing to judge by.
     score_m: f64,
 }
@@ -268,7 +311,8 @@ fn fit_one(
 struct Judged {
     corners: Option<HeldOutError>,
     interior: Option<HeldOutError>,
-    band: Option<PredictionBand>,
+    /// Of all flights, per horizon.
+    windows: Vec<Vec<WindowError>>,
 }
 
 fn judge(bank: &Bank, held_out: &[Flight], interior: &[Flight]) -> Result<Judged, ModelError> {
@@ -279,18 +323,22 @@ fn judge(bank: &Bank, held_out: &[Flight], interior: &[Flight]) -> Result<Judged
             .collect::<Result<Vec<Vec<Vec<WindowError>>>, ModelError>>()
     };
     let (held_out_windows, interior_windows) = (windows(held_out)?, windows(interior)?);
-    let mut by_horizon = vec![Vec::new(); check::HORIZONS.len()];
+    let mut all = vec![Vec::new(); check::HORIZONS.len()];
     for own in held_out_windows.iter().chain(&interior_windows) {
-        for (all, here) in by_horizon.iter_mut().zip(own) {
-            all.extend(here.iter().copied());
-        }
+        extend(&mut all, own.clone());
     }
-    let names = held_out.iter().chain(interior).map(|flight| flight.name.clone());
     Ok(Judged {
         corners: pool(&at_selection_horizons(held_out_windows)),
         interior: pool(&at_selection_horizons(interior_windows)),
-        band: PredictionBand::of_windows(&check::HORIZONS, &by_horizon, names.collect()),
+        windows: all,
     })
+}
+
+/// Adds windows per horizon.
+fn extend(all: &mut [Vec<WindowError>], more: Vec<Vec<WindowError>>) {
+    for (all, more) in all.iter_mut().zip(more) {
+        all.extend(more);
+    }
 }
 
 /// Of windows at [`check::HORIZONS`], those at [`selection::HORIZONS`], which are among them.
@@ -306,29 +354,36 @@ fn at_selection_horizons(flights: Vec<Vec<Vec<WindowError>>>) -> Vec<Vec<Vec<Win
     flights.into_iter().map(chosen).collect()
 }
 
-/// The corners' flights, without and with only what is held out. Interior flights are in neither.
-fn split(flights: &[Flight], groups: &Groups) -> (Vec<Flight>, Vec<Flight>) {
+/// The corners' flights, without and with only what is held out: every third flight of a corner, the third, the second and
+/// the first of each three in turn; or once the last third of every flight, where flights are few. Interior flights are in
+/// neither.
+fn folds(flights: &[Flight], groups: &Groups) -> Vec<(Vec<Flight>, Vec<Flight>)> {
     let whole = groups
         .corners
         .iter()
         .all(|(_, members)| members.len() >= WHOLE_FLIGHTS);
-    let (mut kept, mut held_out) = (Vec::new(), Vec::new());
-    for (_, members) in &groups.corners {
-        for (place, &index) in members.iter().enumerate() {
-            let flight = &flights[index];
-            if !whole {
-                let (mut first, mut last) = (flight.clone(), flight.clone());
-                last.samples = first.samples.split_off(first.samples.len() * 2 / 3);
-                kept.push(first);
-                held_out.push(last);
-            } else if place % WHOLE_FLIGHTS == WHOLE_FLIGHTS - 1 {
-                held_out.push(flight.clone());
-            } else {
-                kept.push(flight.clone());
-            }
-        }
+    let members = || {
+        groups
+            .corners
+            .iter()
+            .flat_map(|(_, members)| members.iter().enumerate())
+    };
+    if !whole {
+        let cut = members().map(|(_, &index)| {
+            let (mut first, mut last) = (flights[index].clone(), flights[index].clone());
+            last.samples = first.samples.split_off(first.samples.len() * 2 / 3);
+            (first, last)
+        });
+        return vec![cut.unzip()];
     }
-    (kept, held_out)
+    let fold = |remainder: usize| {
+        let flight =
+            |(place, &index): (usize, &usize)| (place % WHOLE_FLIGHTS == remainder, flights[index].clone());
+        let (held_out, kept): (Vec<_>, Vec<_>) = members().map(flight).partition(|(held_out, _)| *held_out);
+        let own = |flights: Vec<(bool, Flight)>| flights.into_iter().map(|(_, flight)| flight).collect();
+        (own(kept), own(held_out))
+    };
+    (0..WHOLE_FLIGHTS).rev().map(fold).collect()
 }
 
 #[cfg(test)]

@@ -137,7 +137,7 @@ fn wider(a: &PredictionBand, b: &PredictionBand) -> Option<PredictionBand> {
         return None;
     }
     let mut band = PredictionBand {
-        growth_per_rad: a.growth_per_rad.max(b.growth_per_rad),
+        growth_per_rad: Vec::new(),
         horizons_s: Vec::new(),
         radii_m: Vec::new(),
         windows: Vec::new(),
@@ -148,6 +148,7 @@ fn wider(a: &PredictionBand, b: &PredictionBand) -> Option<PredictionBand> {
         if let Some(j) = b.horizons_s.iter().position(|other| other == horizon_s) {
             band.horizons_s.push(*horizon_s);
             band.radii_m.push(a.radii_m[i].max(b.radii_m[j]));
+            band.growth_per_rad.push(a.growth(i).max(b.growth(j)));
             band.windows.push(a.windows[i].min(b.windows[j]));
         }
     }
@@ -186,7 +187,7 @@ mod tests {
             confidence: 0.95,
             horizons_s: vec![0.5, 1.0],
             radii_m: vec![0.01 * seed as f64, 0.02],
-            growth_per_rad: 0.0,
+            growth_per_rad: vec![0.0],
             windows: vec![30, 20],
             flights: vec![format!("flight {seed}")],
         };

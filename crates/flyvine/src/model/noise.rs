@@ -138,8 +138,10 @@ impl NoiseLevels {
         (Self::TRUSTED_SHARES / shares).min(1.0)
     }
 
-    /// Their product where a model foresees well: what is typical.
-    const TRUSTED_SHARES: f64 = Self::PHYSICAL.process.quadrotor_m * Self::PHYSICAL.process.end_effector_m;
+    /// Their product where a model foresees well: what is typical, or one of them twice that, for levels are identified to
+    /// a factor of two.
+    const TRUSTED_SHARES: f64 =
+        2.0 * Self::PHYSICAL.process.quadrotor_m * Self::PHYSICAL.process.end_effector_m;
 
     /// Refuses a level that is out of its range.
     pub(crate) fn validate(&self) -> Result<(), NoiseLevelError> {

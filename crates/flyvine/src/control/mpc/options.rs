@@ -240,7 +240,8 @@ mod tests {
         };
         assert_eq!(physical_weights(None), UNKNOWN);
         assert_eq!(weights(1.0, 4.0), [TRUSTING; 2]);
-        assert!(weights(2.0, 8.0)[0] > 10.0 * TRUSTING);
+        assert_eq!(weights(2.0, 4.0), [TRUSTING; 2]);
+        assert!(weights(4.0, 8.0)[0] > 10.0 * TRUSTING);
         assert_eq!(weights(16.0, 16.0), [CAUTIOUS; 2]);
     }
 

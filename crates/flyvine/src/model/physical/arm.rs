@@ -89,6 +89,12 @@ fn base_offset<S: Scalar>(parameters: &Parameters<S>) -> Vector<S> {
     Vector([S::from(0.0), S::from(0.0), -parameters.base_offset])
 }
 
+/// The direction of `span`; zero where there is none.
+#[inline(always)]
+pub fn unit<S: Scalar>(span: &Vector<S>) -> Vector<S> {
+    *span * (span.norm_squared() + 1e-12).sqrt().recip()
+}
+
 /// `θ / sin θ` as a function of `u = (1 − cos θ)/2`: the series `Σ (2ⁿ n!)² uⁿ / (2n + 1)!`, cut after u⁶,
 /// so that a linear bending torque `k θ` stays smooth at any angle (4 % soft at 120°).
 #[inline(always)]
@@ -214,7 +220,8 @@ impl<S: Scalar> Hanging<S> {
         let mut link = |i: usize| {
             let outer = (state.points[i], state.point_velocities[i]);
             let (length, length_rate) = lengths[i];
-            let direction = (outer.0 - inner.0) * length.recip();
+            // Of unit length whatever an estimator's correction did to the link's.
+            let direction = unit(&(outer.0 - inner.0));
             let relative_velocity = outer.1 - inner.1;
             inner = outer;
             Link {

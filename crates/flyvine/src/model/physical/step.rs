@@ -1,6 +1,6 @@
 //! One knot of the model: semi-implicit Euler substeps of quadrotor, autopilot and arm.
 
-use super::arm::{ArmLength, accelerations, base, link_lengths};
+use super::arm::{ArmLength, accelerations, base, link_lengths, unit};
 use super::autopilot::{Setpoint, autopilot};
 use super::parameters::Parameters;
 use super::scalar::Scalar;
@@ -188,8 +188,7 @@ fn advance<S: Scalar>(
 fn onto_lengths<S: Scalar>(parameters: &Parameters<S>, arm: ArmLength, state: &mut State<S>) {
     let (mut inner, mut inner_velocity) = base(parameters, state);
     for (i, (length, length_rate)) in link_lengths(parameters, arm).into_iter().enumerate() {
-        let span = state.points[i] - inner;
-        let direction = span * (span.norm_squared() + 1e-12).sqrt().recip();
+        let direction = unit(&(state.points[i] - inner));
         let relative = state.point_velocities[i] - inner_velocity;
         state.points[i] = inner + direction * length;
         state.point_velocities[i] =
