@@ -81,7 +81,9 @@ impl Narrator {
             }
             FamilyProgress::Band(family) => {
                 self.end_stage();
-                self.say(&format!("{family} family, without another third of the flights, for the band of confidence"));
+                self.say(&format!(
+                    "{family} family, without another third of the flights, for the band of confidence"
+                ));
             }
         }
     }

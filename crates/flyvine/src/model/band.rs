@@ -7,9 +7,9 @@
 //! σ(θ) = 1 + g θ,   radius(θ) = q σ(θ)
 //! ```
 //!
-//! at every horizon with g and q of its own; q is the quotient d / σ that all but a share α of the held-out windows keep within ("locally weighted" conformal
-//! prediction: Lei et al. 2018, "Distribution-free predictive inference for regression", Sec. 5.2): with n windows the
-//! ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are narrowest, by the mean logarithm of their
+//! at every horizon with g and q of its own; q is the quotient d / σ that all but a share α of the held-out windows keep
+//! within ("locally weighted" conformal prediction: Lei et al. 2018, "Distribution-free predictive inference for
+//! regression", Sec. 5.2): with n windows the ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are narrowest, by the mean logarithm of their
 //! radii. The guarantee is for flights like the held-out ones, all windows together; what leans farther than any of them
 //! is an extrapolation.
 
@@ -85,7 +85,7 @@ impl PredictionBand {
     }
 
     /// Growth of the radius at the horizon of this number, 1/rad.
-    pub fn growth(&self, horizon: usize) -> f64 {
+    pub(crate) fn growth(&self, horizon: usize) -> f64 {
         let growths = &self.growth_per_rad;
         growths.get(horizon).or(growths.last()).copied().unwrap_or(0.0)
     }

@@ -214,25 +214,13 @@ pub fn fit_families(
         }
     }
     if let Some((bank, chosen, windows)) = fitted {
-        let judges = held_out.iter().chain(&interior).collect();
-        let others: Vec<_> = folds.collect();
-        let band = band(
-            &bank,
-            chosen.family(),
-            windows,
-            judges,
-            &others,
-            options,
-            progress,
-        )?;
+        let judges: Vec<String> = names(held_out.iter().chain(&interior));
+        let trial = (windows, judges.clone());
+        let band = band(&bank, chosen.family(), trial, folds, options, progress)?;
         let bank = bank.with_band(band)?;
         let report = FamiliesReport {
             trials,
-            held_out: held_out
-                .iter()
-                .chain(&interior)
-                .map(|flight| flight.name.clone())
-                .collect(),
+            held_out: judges,
             diverging,
             chosen,
         };
@@ -245,14 +233,13 @@ pub fn fit_families(
     }))
 }
 
-/// The band of `windows`, which the trial left on the flights `judges`, and of those of models fitted again, beginning with
-/// `bank`, without the flights that each of `others` holds out.
-fn band<'a>(
+/// The band of the windows that the trial left and of those of models fitted again, beginning with `bank`, without the
+/// flights that each of the `others` holds out. `judges` are the names of the trial's flights.
+fn band(
     bank: &Bank,
     family: Family,
-    mut windows: Vec<Vec<WindowError>>,
-    mut judges: Vec<&'a Flight>,
-    others: &'a [(Vec<Flight>, Vec<Flight>)],
+    (mut windows, mut judges): (Vec<Vec<WindowError>>, Vec<String>),
+    others: impl Iterator<Item = (Vec<Flight>, Vec<Flight>)>,
     options: &FamilyOptions,
     progress: &mut dyn FnMut(FamilyProgress),
 ) -> Result<Option<PredictionBand>, ModelError> {
@@ -262,13 +249,16 @@ fn band<'a>(
     for (kept, held_out) in others {
         progress(FamilyProgress::Band(family));
         // What is left may be too little to fit: then these flights do not judge.
-        if let Ok((without, _)) = fit_one(family, kept, Some(bank), options, progress) {
-            extend(&mut windows, judge(&without, held_out, &[])?.windows);
-            judges.extend(held_out);
+        if let Ok((without, _)) = fit_one(family, &kept, Some(bank), options, progress) {
+            extend(&mut windows, judge(&without, &held_out, &[])?.windows);
+            judges.extend(names(&held_out));
         }
     }
-    let names = judges.iter().map(|flight| flight.name.clone()).collect();
-    Ok(PredictionBand::of_windows(&check::HORIZONS, &windows, names))
+    Ok(PredictionBand::of_windows(&check::HORIZONS, &windows, judges))
+}
+
+fn names<'a>(flights: impl IntoIterator<Item = &'a Flight>) -> Vec<String> {
+    flights.into_iter().map(|flight| flight.name.clone()).collect()
 }
 
 /// A family, and what its trial left.
@@ -377,11 +367,13 @@ fn folds(flights: &[Flight], groups: &Groups) -> Vec<(Vec<Flight>, Vec<Flight>)>
         return vec![cut.unzip()];
     }
     let fold = |remainder: usize| {
-        let flight =
-            |(place, &index): (usize, &usize)| (place % WHOLE_FLIGHTS == remainder, flights[index].clone());
-        let (held_out, kept): (Vec<_>, Vec<_>) = members().map(flight).partition(|(held_out, _)| *held_out);
-        let own = |flights: Vec<(bool, Flight)>| flights.into_iter().map(|(_, flight)| flight).collect();
-        (own(kept), own(held_out))
+        let of = |held_out: bool| {
+            members()
+                .filter(|(place, _)| (place % WHOLE_FLIGHTS == remainder) == held_out)
+                .map(|(_, &index)| flights[index].clone())
+                .collect()
+        };
+        (of(false), of(true))
     };
     (0..WHOLE_FLIGHTS).rev().map(fold).collect()
 }

@@ -38,12 +38,12 @@ impl PhysicalModel {
         jacobian: &mut [f64],
         mut by_surroundings: Option<&mut [f64]>,
     ) {
-        let variable = |value: f64, i: usize| Dual::variable(value, i);
         let parameters: Parameters<Dual> = self.parameters.lift();
-        let state: [Dual; STATE_LEN] = std::array::from_fn(|i| variable(state[i], i));
-        let command = Vector([0, 1, 2].map(|i| variable(command[i], STATE_LEN + i)));
+        let state: [Dual; STATE_LEN] = std::array::from_fn(|i| Dual::variable(state[i], i));
+        let command = Vector([0, 1, 2].map(|i| Dual::variable(command[i], STATE_LEN + i)));
         let around = around.to_array();
-        let around = Surroundings::from_array(std::array::from_fn(|i| variable(around[i], VARIABLES + i)));
+        let around =
+            Surroundings::from_array(std::array::from_fn(|i| Dual::variable(around[i], VARIABLES + i)));
         let mut next = [Dual::from(0.0); STATE_LEN];
         let state = State::from_flat(&state);
         step_in(&parameters, self.arm, &around, &state, &command).write_flat(&mut next);

@@ -10,7 +10,7 @@
 //!   `(a_x, a_y, g)` with limited tilt and the excess fed back to the integrator I; quaternion attitude loop
 //!   `ω_sp = 2 K vec(q* ⊗ q_sp)`, rate loop and motors as lags; the structure of PX4's cascade, whose default
 //!   gains are the means of the priors. Limits have rounded corners (`limits.rs`);
-//! - **arm** (`arm.rs`): [`LINKS`](state::LINKS) rigid links with point masses, hung below the quadrotor, with
+//! - **arm** (`arm.rs`, `joints.rs`, `hanging.rs`): [`LINKS`](state::LINKS) rigid links with point masses, hung below the quadrotor, with
 //!   elastic damped joints (the first one towards the body's down-axis) and quadratic air drag; constraint
 //!   forces act on both bodies. Its length may change;
 //! - **time** (`step.rs`): semi-implicit Euler steps of 10 ms, the joints' damping implicit.
@@ -41,6 +41,8 @@ mod estimates;
 mod excitation;
 mod fit;
 mod flight_data;
+mod hanging;
+mod joints;
 mod limits;
 mod model;
 mod observer;

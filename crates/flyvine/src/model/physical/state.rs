@@ -116,7 +116,7 @@ impl<S: Scalar> State<S> {
                 acceleration * (p.derivative_gain_xy + 1.0) - p.velocity_gain_xy * error;
             state.filtered_velocity.0[axis] = velocity.0[axis] - p.derivative_time_constant * acceleration;
         }
-        let (base, _) = base(parameters, &state);
+        let (base, _) = base(parameters, &state, &state.rotation());
         let span = Vector::constant([tx, ty, tz]) - base;
         let direction = span * span.norm_squared().sqrt().recip();
         let (mut reach, total) = (S::from(0.0), -parameters.base_offset + arm.length_m);

@@ -1,7 +1,8 @@
 //! One knot of the model: semi-implicit Euler substeps of quadrotor, autopilot and arm.
 
-use super::arm::{ArmLength, accelerations, base, link_lengths, unit};
+use super::arm::{ArmLength, base, link_lengths, unit};
 use super::autopilot::{Setpoint, autopilot};
+use super::hanging::Hanging;
 use super::parameters::Parameters;
 use super::scalar::Scalar;
 use super::state::{LINKS, State};
@@ -150,7 +151,7 @@ fn advance<S: Scalar>(
     let p = parameters;
     let rotation = state.rotation();
     let pilot = autopilot(p, state, &rotation, setpoint);
-    let arm_now = accelerations(p, arm, state, &rotation, &state.angular_acceleration, wind);
+    let arm_now = Hanging::new(p, arm, state, &rotation, wind).accelerations();
 
     // First-order lags by implicit Euler: x⁺ = x + (x_sp − x) h / (τ + h).
     let thrust_share = (p.thrust_time_constant + H).recip() * H;
@@ -186,7 +187,7 @@ fn advance<S: Scalar>(
 /// Moves the links' outer ends to the links' lengths, and their velocities to what those allow.
 #[inline(always)]
 fn onto_lengths<S: Scalar>(parameters: &Parameters<S>, arm: ArmLength, state: &mut State<S>) {
-    let (mut inner, mut inner_velocity) = base(parameters, state);
+    let (mut inner, mut inner_velocity) = base(parameters, state, &state.rotation());
     for (i, (length, length_rate)) in link_lengths(parameters, arm).into_iter().enumerate() {
         let direction = unit(&(state.points[i] - inner));
         let relative = state.point_velocities[i] - inner_velocity;

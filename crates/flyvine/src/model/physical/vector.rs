@@ -49,12 +49,6 @@ impl<S: Scalar> Vector<S> {
     pub fn perpendicular_to(&self, axis: &Self) -> Self {
         *self - *axis * self.dot(axis)
     }
-
-    /// The entries' values, without derivatives.
-    #[inline(always)]
-    pub fn values(&self) -> [f64; 3] {
-        self.0.map(Scalar::value)
-    }
 }
 
 impl<S: Scalar> Add for Vector<S> {
