@@ -56,17 +56,63 @@ pub enum Wanted {
 
 /// `out += Cᵀ v`, with C of `v.len()` rows of `out.len()` entries.
 pub fn add_transpose_vector(matrix: &[f64], vector: &[f64], out: &mut [f64]) {
-    let stride = out.len();
-    let depth = vector.len();
-    let (left, right) = (Rows::new(vector, depth, 1), Rows::new(matrix, depth, stride));
-    Arch::new().dispatch(SumOfProducts {
-        accumulate: true,
-        addends: [None; 2],
-        factors: [(left, right)],
-        wanted: Wanted::All,
-        stride,
-        out,
-    });
+    Arch::new().dispatch(TransposeVector { matrix, vector, out });
+}
+
+struct TransposeVector<'a> {
+    matrix: &'a [f64],
+    vector: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl WithSimd for TransposeVector<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let vectors = self.out.len() / S::F64_LANES;
+        let mut first = 0;
+        while first < vectors {
+            first += match vectors - first {
+                1 => self.columns::<S, 1>(simd, first),
+                2 => self.columns::<S, 2>(simd, first),
+                3 => self.columns::<S, 3>(simd, first),
+                _ => self.columns::<S, 4>(simd, first),
+            };
+        }
+    }
+}
+
+impl TransposeVector<'_> {
+    /// `VECTORS` vectors of the result, from the `first` on. Rows with even and with odd numbers have sums of their own: so
+    /// few sums would wait for each other.
+    #[inline(always)]
+    fn columns<S: Simd, const VECTORS: usize>(&mut self, simd: S, first: usize) -> usize {
+        let stride = self.out.len();
+        let columns = first * S::F64_LANES..(first + VECTORS) * S::F64_LANES;
+        let add = |sums: &mut [S::f64s; VECTORS], row: &[f64], scale: f64| {
+            let scale = simd.splat_f64s(scale);
+            for (sum, &entry) in sums.iter_mut().zip(S::as_simd_f64s(&row[columns.clone()]).0) {
+                *sum = simd.mul_add_f64s(scale, entry, *sum);
+            }
+        };
+        let mut even = [simd.splat_f64s(0.0); VECTORS];
+        let mut odd = even;
+        let rows = self.matrix.chunks_exact(2 * stride);
+        let scales = self.vector.chunks_exact(2);
+        if let [scale] = scales.remainder() {
+            add(&mut even, &rows.remainder()[..stride], *scale);
+        }
+        for (pair, scales) in rows.zip(scales) {
+            add(&mut even, &pair[..stride], scales[0]);
+            add(&mut odd, &pair[stride..], scales[1]);
+        }
+        let out = S::as_mut_simd_f64s(&mut self.out[columns.clone()]).0;
+        for ((entry, even), odd) in out.iter_mut().zip(even).zip(odd) {
+            *entry = simd.add_f64s(*entry, simd.add_f64s(even, odd));
+        }
+        VECTORS
+    }
 }
 
 /// `out[i][j] = Σ_factors Σ_r left[r][i] right[r][j]` for all rows i of `out`, which are `stride` long. The sum over r
@@ -78,7 +124,6 @@ pub fn sum_products<const F: usize>(
     out: &mut [f64],
 ) {
     Arch::new().dispatch(SumOfProducts {
-        accumulate: false,
         addends: [None; 2],
         factors,
         wanted,
@@ -134,8 +179,6 @@ impl WithSimd for RowProducts<'_> {
 
 /// A sum of F products for [`Arch::dispatch`], or for a caller who is inside of one already.
 pub struct SumOfProducts<'a, const F: usize> {
-    /// Whether to begin with what is in `out`, rather than with zero.
-    pub accumulate: bool,
     /// Matrices to add.
     pub addends: [Option<Rows<'a>>; 2],
     /// Left and right factors.
@@ -223,10 +266,6 @@ impl<const F: usize> SumOfProducts<'_, F> {
     ) -> usize {
         let width = VECTORS * S::F64_LANES;
         let mut sums = [[simd.splat_f64s(0.0); VECTORS]; ROWS];
-        if self.accumulate {
-            let rows = self.out.len() / self.stride;
-            sums = add_rows(simd, Rows::new(self.out, rows, self.stride), row, column, sums);
-        }
         let [first, second] = self.addends;
         if let Some(addend) = first {
             sums = add_rows(simd, addend, row, column, sums);
@@ -301,4 +340,25 @@ fn add_product<S: Simd, const ROWS: usize, const VECTORS: usize>(
         (left_rest, right_rest) = (left_later, right_later);
     }
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn transposed_products_of_every_size_are_added() {
+        for columns in [8, 16, 24, 32, 72] {
+            for rows in 0..6 {
+                let matrix: Vec<f64> = (0..rows * columns).map(|i| (i % 7) as f64 - 3.0).collect();
+                let vector: Vec<f64> = (0..rows).map(|r| r as f64 + 0.5).collect();
+                let mut out: Vec<f64> = (0..columns).map(|j| j as f64).collect();
+                add_transpose_vector(&matrix, &vector, &mut out);
+                for (j, &found) in out.iter().enumerate() {
+                    let product: f64 = (0..rows).map(|r| matrix[r * columns + j] * vector[r]).sum();
+                    assert_eq!(found, j as f64 + product, "{rows} rows, column {j} of {columns}");
+                }
+            }
+        }
+    }
 }

@@ -177,6 +177,18 @@ impl AugmentedLagrangian {
             .fold(0.0, f64::max)
     }
 
+    /// `Σ |ŷ|`: how much the cost changes at most where every constrained entry changes by one.
+    pub fn total_multiplier(&self, value: impl Fn(usize, usize) -> f64) -> f64 {
+        self.constraints
+            .iter()
+            .map(|constraint| {
+                constraint
+                    .shifted_multiplier(value(constraint.knot, constraint.index))
+                    .abs()
+            })
+            .sum()
+    }
+
     /// The largest violation of a hard constraint.
     pub fn max_violation(&self, value: impl Fn(usize, usize) -> f64) -> f64 {
         self.constraints

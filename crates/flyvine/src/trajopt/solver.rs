@@ -1,7 +1,8 @@
 //! The solver: augmented-Lagrangian differential dynamic programming.
 //!
 //! Newton's method on the augmented Lagrangian with second derivatives, so the last digits of violation and
-//! stationarity come quadratically (superlinearly where the model does not give its own); a Riccati factorization is used again while it still contracts.
+//! stationarity come quadratically (superlinearly where the model does not give its own); a Riccati factorization is
+//! used again while it still contracts.
 
 use std::time::Instant;
 
@@ -24,6 +25,9 @@ const INNER_SHARE: f64 = 0.3;
 const RESIDUAL_CONTRACTION: f64 = 0.25;
 /// With all penalties at their maximum, an update that leaves more than this share is hopeless.
 const HOPELESS_CONTRACTION: f64 = 0.9;
+
+/// Rounding error of a cost per its size, and of a constrained entry per its unit, at the end of a rollout.
+const ROUNDING: f64 = 1e-13;
 
 /// Solves one [`Problem`]; everything is allocated at construction, so [`Solver::solve`] can be repeated cheaply.
 #[derive(Debug)]
@@ -49,6 +53,8 @@ pub struct Solver<'a, D: Dynamics + ?Sized> {
 pub(super) struct Progress {
     /// J plus multiplier terms of `trajectory`.
     pub merit: f64,
+    /// What rounding may have added to the merit: smaller changes say nothing.
+    merit_noise: f64,
     /// J.
     pub cost: f64,
     pub stationarity: f64,
@@ -181,6 +187,10 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             .update(self.problem, &self.constraints, &self.trajectory);
         self.adjoint.sweep(&self.trajectory, &self.expansion);
         self.progress.cost = rollout::cost(self.problem, &self.trajectory);
+        let total_multiplier = self
+            .constraints
+            .total_multiplier(|knot, index| self.trajectory.state(knot)[index]);
+        self.progress.merit_noise = ROUNDING * (1.0 + self.progress.cost.abs() + total_multiplier);
         let norm = self.adjoint.projected_norm(self.problem, &self.trajectory);
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
     }
@@ -286,7 +296,10 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             policy: &self.policy,
             old: &self.trajectory,
         };
-        let found = pass.line_search(self.progress.merit, &mut self.candidate);
+        let Progress {
+            merit, merit_noise, ..
+        } = self.progress;
+        let found = pass.line_search(merit, merit_noise, &mut self.candidate);
         let Some(Accepted { merit, step_length }) = found else {
             return false;
         };
@@ -318,6 +331,7 @@ impl Progress {
     fn new() -> Self {
         Self {
             merit: f64::INFINITY,
+            merit_noise: 0.0,
             cost: f64::INFINITY,
             stationarity: f64::INFINITY,
             inner_tolerance: FIRST_INNER_TOLERANCE,

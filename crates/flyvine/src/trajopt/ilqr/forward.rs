@@ -10,8 +10,6 @@ use super::rollout;
 const SUFFICIENT_DECREASE: f64 = 1e-4;
 /// Shortest step tried: 2⁻¹⁰.
 const MAX_HALVINGS: i32 = 10;
-/// Relative rounding error of the merit: predicted changes below it cannot be judged.
-const MERIT_NOISE: f64 = 1e-13;
 
 /// What a forward pass follows.
 pub struct ForwardPass<'a, D: Dynamics + ?Sized> {
@@ -60,11 +58,10 @@ impl<D: Dynamics + ?Sized> ForwardPass<'_, D> {
         merit
     }
 
-    /// Halves the step until the merit decreases enough; `new` then holds the trajectory, linearized if the step is a
-    /// full one. `None` if no length serves.
-    pub fn line_search(&self, old_merit: f64, new: &mut Trajectory) -> Option<Accepted> {
+    /// Halves the step until the merit decreases enough, or changes by no more than `noise`; `new` then holds the
+    /// trajectory, linearized if the step is a full one. `None` if no length serves.
+    pub fn line_search(&self, old_merit: f64, noise: f64, new: &mut Trajectory) -> Option<Accepted> {
         new.state_mut(0).copy_from_slice(self.old.state(0));
-        let noise = MERIT_NOISE * (1.0 + old_merit.abs());
         for halvings in 0..=MAX_HALVINGS {
             let step_length = 0.5_f64.powi(halvings);
             let merit = self.closed_loop(step_length, halvings == 0, new);

@@ -171,7 +171,6 @@ impl WithSimd for CommandBlocks<'_> {
         let value = Rows::new(value, fresh, value_stride);
         let jacobian = Rows::new(self.jacobian, fresh, stride);
         SumOfProducts {
-            accumulate: false,
             addends: [Some(value.skip_columns(fresh)), None],
             factors: [(value, jacobian)],
             wanted: Wanted::All,
@@ -180,7 +179,6 @@ impl WithSimd for CommandBlocks<'_> {
         }
         .with_simd(simd);
         SumOfProducts {
-            accumulate: false,
             addends: [
                 curved.then(|| Rows::new(&curvature[n * stride..], m, stride)),
                 None,
@@ -254,7 +252,6 @@ impl WithSimd for Finish<'_> {
             state
         };
         SumOfProducts {
-            accumulate: false,
             addends,
             factors,
             wanted: Wanted::Upper {
@@ -266,7 +263,6 @@ impl WithSimd for Finish<'_> {
         }
         .with_simd(simd);
         SumOfProducts {
-            accumulate: false,
             addends,
             factors: [factors[1], factors[2]],
             wanted: Wanted::Upper {
