@@ -94,6 +94,16 @@ class Model:
         position = s["position"] + rotate(w, v, self.offset)
         return position, s["velocity"] + rotate(w, v, cross(s["body_rate"], self.offset))
 
+    def mobility(self):
+        """How a unit torque at each joint accelerates the angles of the joints, with the arm straight."""
+        inner, outer = 1 / self.lengths[0], 1 / self.lengths[1]
+        joint, tip, gain = 1 / self.joint_mass, 1 / self.tip_mass, self.arm_torque_gain
+        lever = self.base_offset * inner
+        at_base = (joint + 1) * inner**2 + gain * (lever + 1) ** 2
+        across = -(joint * inner * (inner + outer) + inner**2 + gain * (lever + 1) * lever)
+        at_joint = tip * outer**2 + joint * (inner + outer) ** 2 + inner**2 + gain * lever**2
+        return np.array([[at_base, across], [across, at_joint]])
+
     def autopilot(self, s, setpoint, setpoint_velocity, setpoint_acceleration):
         v = per_axis(self.position_gain_xy, self.position_gain_z, setpoint - s["position"])
         v = ca.vertcat(v[0], v[1], limit_length(v[2], self.vertical_speed_limit))
@@ -134,57 +144,76 @@ class Model:
         inner, links = self.base(s), []
         for i in range(2):
             outer = s["points"][i], s["point_velocities"][i]
-            direction = (outer[0] - inner[0]) / self.lengths[i]
+            span = outer[0] - inner[0]
+            direction = span / ca.sqrt(ca.dot(span, span) + 1e-12)
             relative = outer[1] - inner[1]
             links.append((direction, relative / self.lengths[i], relative))
             inner = outer
-        forces = [ca.DM.zeros(3)] * 3
+        neighbours = [-up, links[0][0]]
+        offset = rotate(w, v, self.offset)
+        total = self.joint_mass + self.tip_mass + 1
+        gravity = ca.DM([0, 0, -GRAVITY])
+        thrust = up * (s["thrust"] * total) - s["velocity"] * self.quadrotor_drag
+
+        def bend(forces, torque, i, on_link, on_neighbour):
+            force = perpendicular(on_link, links[i][0]) / self.lengths[i]
+            forces[i + 1] = forces[i + 1] + force
+            forces[i] = forces[i] - force
+            reaction = perpendicular(on_neighbour, neighbours[i])
+            if i == 0:
+                return torque + cross(neighbours[0], reaction)
+            forces[1] = forces[1] + reaction / self.lengths[0]
+            forces[0] = forces[0] - reaction / self.lengths[0]
+            return torque
+
+        def under(forces, torque):
+            """Accelerations of the quadrotor and the points, and the torque on the body."""
+            free = [thrust + forces[0] + gravity] + [forces[i + 1] / masses[i] + gravity for i in range(2)]
+            inverse = [1 / m for m in masses]
+            curvature = [-ca.dot(links[i][2], links[i][2]) / self.lengths[i] for i in range(2)]
+            diagonal = [inverse[0] + 1, inverse[1] + inverse[0]]
+            coupling = -inverse[0] * ca.dot(links[1][0], links[0][0])
+            right = [
+                ca.dot(links[0][0], free[1] - free[0] - rotational) - curvature[0],
+                ca.dot(links[1][0], free[2] - free[1]) - curvature[1],
+            ]
+            factor = coupling / diagonal[1]
+            tension0 = (right[0] - factor * right[1]) / (diagonal[0] - factor * coupling)
+            tension1 = (right[1] - coupling * tension0) / diagonal[1]
+            pull = links[0][0] * tension0
+            joint = free[1] + (links[1][0] * tension1 - pull) * inverse[0]
+            tip = free[2] - links[1][0] * tension1 * inverse[1]
+            return free[0] + pull, [joint, tip], torque + cross(offset, forces[0] + pull)
+
+        forces, torque = [ca.DM.zeros(3)] * 3, ca.DM.zeros(3)
         for i in range(2):
             velocity = s["point_velocities"][i]
             forces[i + 1] = -velocity * (drags[i] * ca.sqrt(ca.dot(velocity, velocity) + 1e-6))
-        torque = None
         series = [1, 2 / 3, 8 / 15, 16 / 35, 128 / 315, 256 / 693, 1024 / 3003]
         for i in range(2):
-            direction, direction_rate, _ = links[i]
-            if i == 0:
-                neighbour = -up
-                neighbour_rate = cross(rotate(w, v, rate), neighbour)
-            else:
-                neighbour, neighbour_rate, _ = links[0]
-            u = (1 - ca.dot(direction, neighbour)) * 0.5
+            u = (1 - ca.dot(links[i][0], neighbours[i])) * 0.5
             share = series[6]
             for coefficient in series[5::-1]:
                 share = share * u + coefficient
             elastic = stiffness[i] * share
-            slip = (direction_rate - neighbour_rate) * damping[i]
-            force = perpendicular(neighbour * elastic - slip, direction) / self.lengths[i]
-            forces[i + 1] = forces[i + 1] + force
-            forces[i] = forces[i] - force
-            reaction = perpendicular(direction * elastic + slip, neighbour)
-            if i == 0:
-                torque = cross(neighbour, reaction)
-            else:
-                force = reaction / self.lengths[0]
-                forces[1] = forces[1] + force
-                forces[0] = forces[0] - force
-        total = self.joint_mass + self.tip_mass + 1
-        gravity = ca.DM([0, 0, -GRAVITY])
-        thrust = up * (s["thrust"] * total) - s["velocity"] * self.quadrotor_drag
-        free = [thrust + forces[0] + gravity] + [forces[i + 1] / masses[i] + gravity for i in range(2)]
-        inverse = [1 / m for m in masses]
-        curvature = [-ca.dot(links[i][2], links[i][2]) / self.lengths[i] for i in range(2)]
-        diagonal = [inverse[0] + 1, inverse[1] + inverse[0]]
-        coupling = -inverse[0] * ca.dot(links[1][0], links[0][0])
-        right = [
-            ca.dot(links[0][0], free[1] - free[0] - rotational) - curvature[0],
-            ca.dot(links[1][0], free[2] - free[1]) - curvature[1],
-        ]
-        factor = coupling / diagonal[1]
-        tension0 = (right[0] - factor * right[1]) / (diagonal[0] - factor * coupling)
-        tension1 = (right[1] - coupling * tension0) / diagonal[1]
-        pull = links[0][0] * tension0
-        points = [free[1] + (links[1][0] * tension1 - pull) * inverse[0], free[2] - links[1][0] * tension1 * inverse[1]]
-        return free[0] + pull, points, torque + cross(rotate(w, v, self.offset), forces[0] + pull)
+            torque = bend(forces, torque, i, neighbours[i] * elastic, links[i][0] * elastic)
+
+        # Damping by the slip rates at the substep's end: (I + h W C) s+ = s + h s'.
+        quadrotor, points, arm_torque = under(forces, torque)
+        body_torque = rotate_back(w, v, arm_torque) * self.arm_torque_gain
+        later_rate = rate + H * (s["angular_acceleration"] + body_torque)
+        neighbour_rate = cross(rotate(w, v, later_rate), neighbours[0])
+        inner = quadrotor + rotational + rotate(w, v, cross(body_torque, self.offset))
+        slips = []
+        for i in range(2):
+            link_rate = links[i][1] + (points[i] - inner) * (H / self.lengths[i])
+            slips.append(link_rate - neighbour_rate)
+            inner, neighbour_rate = points[i], link_rate
+        settle = np.linalg.inv(np.eye(2) + H * self.mobility() @ np.diag(damping))
+        for i in range(2):
+            damped = (slips[0] * settle[i, 0] + slips[1] * settle[i, 1]) * damping[i]
+            torque = bend(forces, torque, i, -damped, damped)
+        return under(forces, torque)
 
     def advance(self, s, setpoint, setpoint_velocity, setpoint_acceleration):
         w, v = s["w"], s["attitude"]

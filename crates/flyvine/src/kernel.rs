@@ -19,6 +19,8 @@ pub struct Rows<'a> {
     entries: &'a [f64],
     stride: usize,
     first: usize,
+    /// Columns from here on are known to be zero.
+    end: usize,
 }
 
 impl<'a> Rows<'a> {
@@ -30,6 +32,7 @@ impl<'a> Rows<'a> {
             entries: &entries[..rows * stride],
             stride,
             first: 0,
+            end: stride,
         }
     }
 
@@ -38,6 +41,13 @@ impl<'a> Rows<'a> {
     pub fn skip_columns(self, first: usize) -> Self {
         Self { first, ..self }
     }
+
+    /// The same matrix, of which the entries' columns from `end` on are known to be zero: as a right factor it is not
+    /// multiplied there.
+    #[inline(always)]
+    pub fn zero_from(self, end: usize) -> Self {
+        Self { end, ..self }
+    }
 }
 
 /// Which entries of a result are wanted; others, if computed, are meaningless.
@@ -45,10 +55,8 @@ impl<'a> Rows<'a> {
 pub enum Wanted {
     /// All.
     All,
-    /// `i ≤ j` and `first ≤ j < columns`, where columns from there to the next whole vector stay or become zero.
+    /// `i ≤ j < columns`, where columns from there to the next whole vector stay or become zero.
     Upper {
-        /// First column, a whole number of vectors.
-        first: usize,
         /// Number of columns.
         columns: usize,
     },
@@ -200,19 +208,15 @@ impl<const F: usize> WithSimd for SumOfProducts<'_, F> {
     /// Tiles of up to 4 rows × 2 vectors or 3 × 3 of `out` (1 × 8; 4 × 4 of the widest vectors) stay in registers over the whole sum.
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let (first, columns, upper) = match self.wanted {
-            Wanted::All => (0, self.stride, false),
-            Wanted::Upper { first, columns } => (first, columns, true),
+        let (columns, upper) = match self.wanted {
+            Wanted::All => (self.stride, false),
+            Wanted::Upper { columns } => (columns, true),
         };
         let out_rows = self.out.len() / self.stride;
-        let rows = match upper {
-            true if first < columns => out_rows.min(columns),
-            true => 0,
-            false => out_rows,
-        };
+        let rows = if upper { out_rows.min(columns) } else { out_rows };
         let mut row = 0;
         while row < rows {
-            let column = if upper { first.max(row) } else { 0 } / S::F64_LANES * S::F64_LANES;
+            let column = if upper { row } else { 0 } / S::F64_LANES * S::F64_LANES;
             // Groups of nearly equal size: 9 rows are 3 + 3 + 3, not 4 + 4 + 1.
             let group = (rows - row).div_ceil((rows - row).div_ceil(MAX_ROWS));
             match group {
@@ -274,7 +278,15 @@ impl<const F: usize> SumOfProducts<'_, F> {
             sums = add_rows(simd, addend, row, column, sums);
         }
         for (left, right) in self.factors {
-            sums = add_product(simd, left, right, row, column, sums);
+            // Tiles are narrow: at most one vector of them is spared.
+            let narrower = width - S::F64_LANES;
+            sums = if right.end > right.first + column + narrower {
+                add_product(simd, left, right, row, column, width, sums)
+            } else if right.end > right.first + column {
+                add_product(simd, left, right, row, column, narrower, sums)
+            } else {
+                sums
+            };
         }
         if column + width > columns {
             let wanted = simd.mask_between_m64s(0, (columns % S::F64_LANES) as u64).mask();
@@ -309,7 +321,7 @@ fn add_rows<S: Simd, const ROWS: usize, const VECTORS: usize>(
     sums
 }
 
-/// Adds `Σ_r left[r][row..] right[r][column..]`, row by row until either factor ends.
+/// Adds `Σ_r left[r][row..] right[r][column..][..width]`, row by row until either factor ends.
 ///
 /// That the tile fits into the rows is checked once, not at every r. (Nor should the compiler know the sizes: it would unroll
 /// the sum, load what it can beforehand, and run out of registers.)
@@ -320,9 +332,9 @@ fn add_product<S: Simd, const ROWS: usize, const VECTORS: usize>(
     right: Rows<'_>,
     row: usize,
     column: usize,
+    width: usize,
     mut sums: [[S::f64s; VECTORS]; ROWS],
 ) -> [[S::f64s; VECTORS]; ROWS] {
-    let width = VECTORS * S::F64_LANES;
     let (row, column) = (left.first + row, right.first + column);
     assert!(left.stride.saturating_sub(row) >= ROWS && right.stride.saturating_sub(column) >= width);
     let (mut left_rest, mut right_rest) = (left.entries, right.entries);

@@ -28,6 +28,8 @@ const HOPELESS_CONTRACTION: f64 = 0.9;
 
 /// Rounding error of a cost per its size, and of a constrained entry per its unit, at the end of a rollout.
 const ROUNDING: f64 = 1e-13;
+/// Steps in a row whose decrease drowns in rounding, before the multipliers are updated or the search is given up.
+const MAX_UNJUDGED_STEPS: usize = 20;
 
 /// Solves one [`Problem`]; everything is allocated at construction, so [`Solver::solve`] can be repeated cheaply.
 #[derive(Debug)]
@@ -55,6 +57,8 @@ pub(super) struct Progress {
     pub merit: f64,
     /// What rounding may have added to the merit: smaller changes say nothing.
     merit_noise: f64,
+    /// Steps since the merit last decreased by more than that, or the multipliers changed.
+    unjudged_steps: usize,
     /// J.
     pub cost: f64,
     pub stationarity: f64,
@@ -172,7 +176,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
                 return status;
             }
             let before = self.progress.stationarity;
-            if !self.improve() {
+            if self.progress.unjudged_steps >= MAX_UNJUDGED_STEPS || !self.improve() {
                 return self.stalled();
             }
             self.expand();
@@ -229,6 +233,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             }
         }
         self.progress.last_residual = residual;
+        self.progress.unjudged_steps = 0;
         let wanted = (INNER_SHARE * residual).min(self.progress.inner_tolerance);
         self.progress.inner_tolerance = wanted.max(stationarity_tolerance);
         self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
@@ -300,8 +305,18 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             merit, merit_noise, ..
         } = self.progress;
         let found = pass.line_search(merit, merit_noise, &mut self.candidate);
-        let Some(Accepted { merit, step_length }) = found else {
+        let Some(Accepted {
+            merit,
+            step_length,
+            decreased,
+        }) = found
+        else {
             return false;
+        };
+        self.progress.unjudged_steps = if decreased {
+            0
+        } else {
+            self.progress.unjudged_steps + 1
         };
         std::mem::swap(&mut self.trajectory, &mut self.candidate);
         self.progress.merit = merit;
@@ -332,6 +347,7 @@ impl Progress {
         Self {
             merit: f64::INFINITY,
             merit_noise: 0.0,
+            unjudged_steps: 0,
             cost: f64::INFINITY,
             stationarity: f64::INFINITY,
             inner_tolerance: FIRST_INNER_TOLERANCE,

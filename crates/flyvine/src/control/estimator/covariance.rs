@@ -102,10 +102,7 @@ impl Covariance {
                 rows(&self.transition.transposed, stride),
                 rows(&self.turned, stride),
             )],
-            Wanted::Upper {
-                first: 0,
-                columns: self.len,
-            },
+            Wanted::Upper { columns: self.len },
             stride,
             &mut self.matrix,
         );

@@ -26,6 +26,8 @@ pub struct ForwardPass<'a, D: Dynamics + ?Sized> {
 pub struct Accepted {
     pub merit: f64,
     pub step_length: f64,
+    /// Whether the merit decreased by more than its noise.
+    pub decreased: bool,
 }
 
 impl<D: Dynamics + ?Sized> ForwardPass<'_, D> {
@@ -67,7 +69,11 @@ impl<D: Dynamics + ?Sized> ForwardPass<'_, D> {
             let merit = self.closed_loop(step_length, halvings == 0, new);
             let predicted = step_length * (self.policy.slope + step_length * self.policy.quadratic);
             if merit - old_merit <= SUFFICIENT_DECREASE * predicted + noise {
-                return Some(Accepted { merit, step_length });
+                return Some(Accepted {
+                    merit,
+                    step_length,
+                    decreased: merit < old_merit - noise,
+                });
             }
         }
         None

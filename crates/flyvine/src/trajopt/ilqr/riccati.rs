@@ -236,7 +236,7 @@ impl WithSimd for Finish<'_> {
         ];
         let jacobian = Rows::new(self.jacobian, fresh, stride);
         let factors = [
-            (jacobian, shifted(0, fresh)),
+            (jacobian, shifted(0, fresh).zero_from(state)),
             (Rows::new(product, fresh, stride), jacobian),
             (
                 Rows::new(self.gains, command, stride),
@@ -244,37 +244,16 @@ impl WithSimd for Finish<'_> {
             ),
         ];
         let out = &mut next_value[..state * value_stride];
-        // Beyond these columns P₁₂ S is zero: worth a pass of its own where it is more than one vector.
-        let zeros = (state - fresh).next_multiple_of(S::F64_LANES);
-        let split = if zeros + S::F64_LANES < state {
-            zeros
-        } else {
-            state
-        };
         SumOfProducts {
             addends,
             factors,
-            wanted: Wanted::Upper {
-                first: 0,
-                columns: split.min(state),
-            },
+            wanted: Wanted::Upper { columns: state },
             stride: value_stride,
             out,
         }
         .with_simd(simd);
-        SumOfProducts {
-            addends,
-            factors: [factors[1], factors[2]],
-            wanted: Wanted::Upper {
-                first: split,
-                columns: state,
-            },
-            stride: value_stride,
-            out,
-        }
-        .with_simd(simd);
-        for (i, row) in out.chunks_exact_mut(value_stride).enumerate() {
-            row[i] += self.diagonal[i];
+        for (entry, diagonal) in out.iter_mut().step_by(value_stride + 1).zip(self.diagonal) {
+            *entry += diagonal;
         }
     }
 }
