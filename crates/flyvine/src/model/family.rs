@@ -132,6 +132,19 @@ impl Dynamics for Model {
         self.dynamics().linearize(knot, z, u, fresh, jacobian);
     }
 
+    fn linearize_padded(
+        &self,
+        knot: usize,
+        z: &[f64],
+        u: &[f64],
+        fresh: &mut [f64],
+        stride: usize,
+        jacobian: &mut [f64],
+    ) {
+        self.dynamics()
+            .linearize_padded(knot, z, u, fresh, stride, jacobian);
+    }
+
     fn add_curvature(
         &self,
         knot: usize,

@@ -250,6 +250,29 @@ impl Dynamics for LagModel {
         }
     }
 
+    fn linearize_padded(
+        &self,
+        _knot: usize,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        stride: usize,
+        jacobian: &mut [f64],
+    ) {
+        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
+        let w = regressor(state, command, &mut buffer);
+        self.linear_step(w, fresh);
+        jacobian.copy_from_slice(&self.linear); // its rows are as far apart
+        for quadratic in &self.quadratic {
+            let mut slope = [0.0; MAX_REGRESSOR_LEN];
+            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
+            let row = &mut jacobian[quadratic.row * stride..][..stride];
+            for (entry, slope) in row.iter_mut().zip(slope) {
+                *entry += slope;
+            }
+        }
+    }
+
     fn add_curvature(
         &self,
         _knot: usize,

@@ -9,7 +9,7 @@ use super::physical::Surroundings;
 use crate::HOVER_HEIGHT_M;
 use crate::flight::Configuration;
 use crate::link::Feedforward;
-use crate::trajopt::Dynamics;
+use crate::trajopt::{Dynamics, spread_rows};
 
 /// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -207,6 +207,27 @@ impl Dynamics for ScheduledModel {
         match self.fed_forward(knot) {
             Some(model) => commanded_velocity::linearize(model, z, u, fresh, jacobian),
             None => self.at_knot(knot).linearize(knot, z, u, fresh, jacobian),
+        }
+    }
+
+    fn linearize_padded(
+        &self,
+        knot: usize,
+        z: &[f64],
+        u: &[f64],
+        fresh: &mut [f64],
+        stride: usize,
+        jacobian: &mut [f64],
+    ) {
+        match self.fed_forward(knot) {
+            Some(_) => {
+                let (rows, width) = (self.fresh_len(), z.len() + u.len());
+                self.linearize(knot, z, u, fresh, &mut jacobian[..rows * width]);
+                spread_rows(jacobian, rows, width, stride);
+            }
+            None => self
+                .at_knot(knot)
+                .linearize_padded(knot, z, u, fresh, stride, jacobian),
         }
     }
 

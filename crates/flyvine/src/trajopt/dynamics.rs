@@ -24,6 +24,22 @@ pub trait Dynamics: Sync {
     /// [`Self::step`], and the Jacobian `[∂f_k/∂z  ∂f_k/∂u]`, `fresh_len × (n + m)`, row-major.
     fn linearize(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64], jacobian: &mut [f64]);
 
+    /// [`Self::linearize`], with rows of the Jacobian `stride` entries apart, n + m rounded up to a multiple of 8, and zeros
+    /// in between: worth writing for models that keep theirs so.
+    fn linearize_padded(
+        &self,
+        knot: usize,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        stride: usize,
+        jacobian: &mut [f64],
+    ) {
+        let (rows, width) = (self.fresh_len(), state.len() + command.len());
+        self.linearize(knot, state, command, fresh, &mut jacobian[..rows * width]);
+        spread_rows(jacobian, rows, width, stride);
+    }
+
     /// The Jacobian alone, as [`Self::linearize`] gives it.
     fn jacobian(&self, knot: usize, state: &[f64], command: &[f64], jacobian: &mut [f64]) {
         self.linearize(knot, state, command, &mut vec![0.0; self.fresh_len()], jacobian);
@@ -42,6 +58,14 @@ pub trait Dynamics: Sync {
         hessian: &mut [f64],
     ) {
         let _ = (knot, state, command, adjoint, stride, hessian);
+    }
+}
+
+/// Moves rows of `width` entries, one behind the other, to `stride` entries apart, with zeros in between.
+pub(crate) fn spread_rows(matrix: &mut [f64], rows: usize, width: usize, stride: usize) {
+    for row in (0..rows).rev() {
+        matrix.copy_within(row * width..(row + 1) * width, row * stride);
+        matrix[row * stride + width..(row + 1) * stride].fill(0.0);
     }
 }
 
@@ -64,6 +88,18 @@ impl<D: Dynamics + ?Sized> Dynamics for &D {
 
     fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
         (**self).linearize(knot, z, u, fresh, jacobian);
+    }
+
+    fn linearize_padded(
+        &self,
+        knot: usize,
+        z: &[f64],
+        u: &[f64],
+        fresh: &mut [f64],
+        stride: usize,
+        jacobian: &mut [f64],
+    ) {
+        (**self).linearize_padded(knot, z, u, fresh, stride, jacobian);
     }
 
     fn add_curvature(

@@ -62,9 +62,7 @@ pub(super) struct Trajectory {
     points: Vec<f64>,
     /// `C_k = [A_k B_k]`, (N−1) × fresh × stride.
     jacobians: Vec<f64>,
-    /// One Jacobian as the model writes it, fresh × (n + m).
-    compact: Vec<f64>,
-    /// Room for the step that comes with it.
+    /// Room for the step that comes with a Jacobian.
     fresh: Vec<f64>,
 }
 
@@ -74,7 +72,6 @@ impl Trajectory {
             shape,
             points: vec![0.0; shape.knots * shape.stride],
             jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
-            compact: vec![0.0; shape.fresh * shape.width()],
             fresh: vec![0.0; shape.fresh],
         }
     }
@@ -120,9 +117,8 @@ impl Trajectory {
         let (fresh_part, shifted_part) = next[..n].split_at_mut(fresh);
         shifted_part.copy_from_slice(&state[..n - fresh]);
         if linearize {
-            dynamics.linearize(knot, state, command, fresh_part, &mut self.compact);
             let jacobian = &mut self.jacobians[knot * fresh * stride..][..fresh * stride];
-            spread_rows(&self.compact, n + m, stride, jacobian);
+            dynamics.linearize_padded(knot, state, command, fresh_part, stride, jacobian);
         } else {
             dynamics.step(knot, state, command, fresh_part);
         }
@@ -145,15 +141,7 @@ impl Trajectory {
             .enumerate()
         {
             let (state, command) = point[..n + m].split_at(n);
-            dynamics.linearize(knot, state, command, &mut self.fresh, &mut self.compact);
-            spread_rows(&self.compact, n + m, stride, jacobian);
+            dynamics.linearize_padded(knot, state, command, &mut self.fresh, stride, jacobian);
         }
-    }
-}
-
-/// Copies rows of `len` to rows of `stride`.
-fn spread_rows(compact: &[f64], len: usize, stride: usize, rows: &mut [f64]) {
-    for (row, compact) in rows.chunks_exact_mut(stride).zip(compact.chunks_exact(len)) {
-        row[..len].copy_from_slice(compact);
     }
 }

@@ -69,14 +69,17 @@ pub fn merit(problem: &Problem, constraints: &AugmentedLagrangian, trajectory: &
 fn weighted_square(value: &[f64], reference: &[f64], weight: &[f64]) -> f64 {
     const SUMS: usize = 4;
     let mut sums = [0.0; SUMS];
-    let chunks = value
-        .chunks(SUMS)
-        .zip(reference.chunks(SUMS))
-        .zip(weight.chunks(SUMS));
-    for ((value, reference), weight) in chunks {
-        for i in 0..value.len() {
+    let (values, last_values) = value.as_chunks::<SUMS>();
+    let (references, last_references) = reference[..value.len()].as_chunks::<SUMS>();
+    let (weights, last_weights) = weight.as_chunks::<SUMS>();
+    for ((value, reference), weight) in values.iter().zip(references).zip(weights) {
+        for i in 0..SUMS {
             sums[i] += weight[i] * (value[i] - reference[i]) * (value[i] - reference[i]);
         }
+    }
+    for i in 0..last_values.len() {
+        let error = last_values[i] - last_references[i];
+        sums[i] += last_weights[i] * error * error;
     }
     sums.iter().sum()
 }
