@@ -239,15 +239,7 @@ impl Dynamics for LagModel {
         fresh: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
-        let w = regressor(state, command, &mut buffer);
-        self.linear_step(w, fresh);
-        self.copy_linear(jacobian);
-        for quadratic in &self.quadratic {
-            let mut slope = [0.0; MAX_REGRESSOR_LEN];
-            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
-            self.add_slope(quadratic.row, &slope, jacobian);
-        }
+        self.linearize_rows(state, command, fresh, self.regressor_len(), jacobian);
     }
 
     fn linearize_padded(
@@ -259,18 +251,7 @@ impl Dynamics for LagModel {
         stride: usize,
         jacobian: &mut [f64],
     ) {
-        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
-        let w = regressor(state, command, &mut buffer);
-        self.linear_step(w, fresh);
-        jacobian.copy_from_slice(&self.linear); // its rows are as far apart
-        for quadratic in &self.quadratic {
-            let mut slope = [0.0; MAX_REGRESSOR_LEN];
-            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
-            let row = &mut jacobian[quadratic.row * stride..][..stride];
-            for (entry, slope) in row.iter_mut().zip(slope) {
-                *entry += slope;
-            }
-        }
+        self.linearize_rows(state, command, fresh, stride, jacobian);
     }
 
     fn add_curvature(
@@ -298,21 +279,29 @@ impl LagModel {
         }
     }
 
-    /// L, without the padding.
-    fn copy_linear(&self, jacobian: &mut [f64]) {
-        let p = self.regressor_len();
-        for (row, linear) in jacobian
-            .chunks_exact_mut(p)
-            .zip(self.linear.chunks_exact(kernel::padded(p)))
-        {
-            row.copy_from_slice(&linear[..p]);
+    /// The step and its Jacobian, in rows of `row_len` entries: as long as the regressor, or padded with zeros.
+    fn linearize_rows(
+        &self,
+        state: &[f64],
+        command: &[f64],
+        fresh: &mut [f64],
+        row_len: usize,
+        jacobian: &mut [f64],
+    ) {
+        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
+        let w = regressor(state, command, &mut buffer);
+        self.linear_step(w, fresh);
+        let rows = jacobian.chunks_exact_mut(row_len);
+        for (row, linear) in rows.zip(self.linear.chunks_exact(w.len())) {
+            row.copy_from_slice(&linear[..row_len]);
         }
-    }
-
-    fn add_slope(&self, row: usize, slope: &[f64], jacobian: &mut [f64]) {
-        let p = self.regressor_len();
-        for (entry, slope) in jacobian[row * p..(row + 1) * p].iter_mut().zip(slope) {
-            *entry += slope;
+        for quadratic in &self.quadratic {
+            let mut slope = [0.0; MAX_REGRESSOR_LEN];
+            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
+            let row = &mut jacobian[quadratic.row * row_len..][..row_len];
+            for (entry, slope) in row.iter_mut().zip(slope) {
+                *entry += slope;
+            }
         }
     }
 }
