@@ -15,8 +15,10 @@ use super::ilqr::rollout;
 use super::ilqr::{Shape, Trajectory};
 use super::{Dynamics, Options, Problem, ProblemError, Solution, Start, Status};
 
-/// A factorization serves again if the last step reduced the stationarity at least to this share.
+/// A factorization serves again if the last step reduced the stationarity at least to this share, …
 const REUSE_CONTRACTION: f64 = 0.1;
+/// … and if as many steps like it reach the tolerance: more rollouts would cost more than a factorization.
+const REUSE_STEPS: i32 = 2;
 /// Stationarity at which the multipliers are updated for the first time.
 const FIRST_INNER_TOLERANCE: f64 = 1e-2;
 /// Later, the stationarity is reduced to this share of the constraint residual.
@@ -181,7 +183,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             }
             self.expand();
             self.learn_curvature();
-            self.progress.reusable &= self.progress.stationarity <= REUSE_CONTRACTION * before;
+            self.progress.reusable &= self.progress.contracts_enough(before);
         }
     }
 
@@ -343,6 +345,13 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
 }
 
 impl Progress {
+    /// Whether the last factorization is worth using again, the stationarity having been `before` the last step.
+    fn contracts_enough(&self, before: f64) -> bool {
+        let contraction = self.stationarity / before;
+        contraction <= REUSE_CONTRACTION
+            && self.stationarity * contraction.powi(REUSE_STEPS) <= self.inner_tolerance
+    }
+
     fn new() -> Self {
         Self {
             merit: f64::INFINITY,
