@@ -92,8 +92,8 @@ impl WithSimd for TransposeVector<'_> {
 }
 
 impl TransposeVector<'_> {
-    /// `VECTORS` vectors of the result, from the `first` on. Rows with even and with odd numbers have sums of their own: so
-    /// few sums would wait for each other.
+    /// `VECTORS` vectors of the result, from the `first` on. Rows with even and with odd numbers have sums of their own:
+    /// so few sums would wait for each other.
     #[inline(always)]
     fn columns<S: Simd, const VECTORS: usize>(&mut self, simd: S, first: usize) -> usize {
         let stride = self.out.len();
@@ -205,7 +205,8 @@ const MAX_ROWS: usize = 4;
 impl<const F: usize> WithSimd for SumOfProducts<'_, F> {
     type Output = ();
 
-    /// Tiles of up to 4 rows × 2 vectors or 3 × 3 of `out` (1 × 8; 4 × 4 of the widest vectors) stay in registers over the whole sum.
+    /// Tiles of up to 4 rows × 2 vectors or 3 × 3 of `out` (1 × 8; 4 × 4 of the widest vectors) stay in registers over
+    /// the whole sum.
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let (columns, upper) = match self.wanted {

@@ -9,9 +9,9 @@
 //!
 //! at every horizon with g and q of its own; q is the quotient d / σ that all but a share α of the held-out windows keep
 //! within ("locally weighted" conformal prediction: Lei et al. 2018, "Distribution-free predictive inference for
-//! regression", Sec. 5.2): with n windows the ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are narrowest, by the mean logarithm of their
-//! radii. The guarantee is for flights like the held-out ones, all windows together; what leans farther than any of them
-//! is an extrapolation.
+//! regression", Sec. 5.2): with n windows the ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are
+//! narrowest, by the mean logarithm of their radii. The guarantee is for flights like the held-out ones, all windows
+//! together; what leans farther than any of them is an extrapolation.
 
 use super::error::{ModelError, require_finite};
 use super::rollout::WindowError;

@@ -9,7 +9,7 @@ use super::physical::Surroundings;
 use crate::HOVER_HEIGHT_M;
 use crate::flight::Configuration;
 use crate::link::Feedforward;
-use crate::trajopt::{Dynamics, spread_rows};
+use crate::trajopt::{Dynamics, linearize_and_spread};
 
 /// A bank along a schedule of configurations: time-varying dynamics with precomputed coefficients.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -220,11 +220,7 @@ impl Dynamics for ScheduledModel {
         jacobian: &mut [f64],
     ) {
         match self.fed_forward(knot) {
-            Some(_) => {
-                let (rows, width) = (self.fresh_len(), z.len() + u.len());
-                self.linearize(knot, z, u, fresh, &mut jacobian[..rows * width]);
-                spread_rows(jacobian, rows, width, stride);
-            }
+            Some(_) => linearize_and_spread(self, knot, z, u, fresh, stride, jacobian),
             None => self
                 .at_knot(knot)
                 .linearize_padded(knot, z, u, fresh, stride, jacobian),

@@ -24,8 +24,8 @@ pub trait Dynamics: Sync {
     /// [`Self::step`], and the Jacobian `[∂f_k/∂z  ∂f_k/∂u]`, `fresh_len × (n + m)`, row-major.
     fn linearize(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64], jacobian: &mut [f64]);
 
-    /// [`Self::linearize`], with rows of the Jacobian `stride` entries apart, n + m rounded up to a multiple of 8, and zeros
-    /// in between: worth writing for models that keep theirs so.
+    /// [`Self::linearize`], with rows of the Jacobian `stride` entries apart, n + m rounded up to a multiple of 8, and
+    /// zeros in between: worth writing for models that keep theirs so.
     fn linearize_padded(
         &self,
         knot: usize,
@@ -35,9 +35,7 @@ pub trait Dynamics: Sync {
         stride: usize,
         jacobian: &mut [f64],
     ) {
-        let (rows, width) = (self.fresh_len(), state.len() + command.len());
-        self.linearize(knot, state, command, fresh, &mut jacobian[..rows * width]);
-        spread_rows(jacobian, rows, width, stride);
+        linearize_and_spread(self, knot, state, command, fresh, stride, jacobian);
     }
 
     /// The Jacobian alone, as [`Self::linearize`] gives it.
@@ -61,11 +59,21 @@ pub trait Dynamics: Sync {
     }
 }
 
-/// Moves rows of `width` entries, one behind the other, to `stride` entries apart, with zeros in between.
-pub(crate) fn spread_rows(matrix: &mut [f64], rows: usize, width: usize, stride: usize) {
+/// [`Dynamics::linearize_padded`] for models whose rows stand one behind the other.
+pub(crate) fn linearize_and_spread<D: Dynamics + ?Sized>(
+    dynamics: &D,
+    knot: usize,
+    state: &[f64],
+    command: &[f64],
+    fresh: &mut [f64],
+    stride: usize,
+    jacobian: &mut [f64],
+) {
+    let (rows, width) = (dynamics.fresh_len(), state.len() + command.len());
+    dynamics.linearize(knot, state, command, fresh, &mut jacobian[..rows * width]);
     for row in (0..rows).rev() {
-        matrix.copy_within(row * width..(row + 1) * width, row * stride);
-        matrix[row * stride + width..(row + 1) * stride].fill(0.0);
+        jacobian.copy_within(row * width..(row + 1) * width, row * stride);
+        jacobian[row * stride + width..(row + 1) * stride].fill(0.0);
     }
 }
 

@@ -35,7 +35,7 @@ mod validation;
 pub use batch::{BestOfMany, MultiStart, multi_start, solve_batch};
 pub use command_change::WithCommandChange;
 pub use dynamics::Dynamics;
-pub(crate) use dynamics::spread_rows;
+pub(crate) use dynamics::linearize_and_spread;
 pub use ensemble::{Ensemble, EnsembleError};
 pub use loosening::{Bounds, Loosening};
 pub use options::Options;

@@ -57,9 +57,7 @@ pub struct Solver<'a, D: Dynamics + ?Sized> {
 pub(super) struct Progress {
     /// J plus multiplier terms of `trajectory`.
     pub merit: f64,
-    /// What rounding may have added to the merit: smaller changes say nothing.
-    merit_noise: f64,
-    /// Steps since the merit last decreased by more than that, or the multipliers changed.
+    /// Steps since the merit last decreased by more than its noise, or the multipliers changed.
     unjudged_steps: usize,
     /// J.
     pub cost: f64,
@@ -193,10 +191,6 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             .update(self.problem, &self.constraints, &self.trajectory);
         self.adjoint.sweep(&self.trajectory, &self.expansion);
         self.progress.cost = rollout::cost(self.problem, &self.trajectory);
-        let total_multiplier = self
-            .constraints
-            .total_multiplier(|knot, index| self.trajectory.state(knot)[index]);
-        self.progress.merit_noise = ROUNDING * (1.0 + self.progress.cost.abs() + total_multiplier);
         let norm = self.adjoint.projected_norm(self.problem, &self.trajectory);
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
     }
@@ -303,10 +297,8 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             policy: &self.policy,
             old: &self.trajectory,
         };
-        let Progress {
-            merit, merit_noise, ..
-        } = self.progress;
-        let found = pass.line_search(merit, merit_noise, &mut self.candidate);
+        let noise = self.merit_noise();
+        let found = pass.line_search(self.progress.merit, noise, &mut self.candidate);
         let Some(Accepted {
             merit,
             step_length,
@@ -328,6 +320,14 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             self.trajectory.linearize(self.dynamics);
         }
         true
+    }
+
+    /// What rounding may have added to the merit: smaller changes say nothing.
+    fn merit_noise(&self) -> f64 {
+        let total_multiplier = self
+            .constraints
+            .total_multiplier(|knot, index| self.trajectory.state(knot)[index]);
+        ROUNDING * (1.0 + self.progress.cost.abs() + total_multiplier)
     }
 
     /// No step decreases the merit any more: at the limit of floating point, which large penalties reach early.
@@ -355,7 +355,6 @@ impl Progress {
     fn new() -> Self {
         Self {
             merit: f64::INFINITY,
-            merit_noise: 0.0,
             unjudged_steps: 0,
             cost: f64::INFINITY,
             stationarity: f64::INFINITY,
