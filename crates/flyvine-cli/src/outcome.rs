@@ -61,6 +61,9 @@ pub fn exit_code(result: CommandResult) -> ExitCode {
     }
 }
 
+/// Characters of a line at most: errors quote the line where they were found, which may be a whole file.
+const LINE: usize = 300;
+
 /// The error and its causes, each said once: the library's errors already carry theirs.
 fn message(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
@@ -69,5 +72,12 @@ fn message(error: &anyhow::Error) -> String {
             text += &format!(": {cause}");
         }
     }
-    text
+    text.lines().map(shortened).collect::<Vec<_>>().join("\n")
+}
+
+fn shortened(line: &str) -> String {
+    match line.char_indices().nth(LINE) {
+        Some((end, _)) => format!("{} …", &line[..end]),
+        None => line.to_owned(),
+    }
 }

@@ -38,6 +38,8 @@ impl Case {
         let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{arguments:?}\n{stderr}");
         assert!(stderr.lines().count() <= 24, "more than one screen: {stderr}");
+        let longest = stderr.lines().map(|line| line.chars().count()).max();
+        assert!(longest <= Some(400), "a line of {longest:?} characters");
         for word in says {
             assert!(
                 stderr.contains(word),
@@ -257,6 +259,15 @@ fn broken_tasks() {
             .replace("period_s = 5.0", "period_s = 0.01")
             .replace("ramp_s = 3.0", "ramp_s = 0.01"),
         &["knots"],
+    );
+    task(
+        &lemniscate.replace("period_s = 5.0", "period_s = 1e300"),
+        &["found 18446744073709551615 knots", "100000"],
+    );
+    // A bank instead of a task: one line of a hundred thousand characters.
+    task(
+        &std::fs::read_to_string(demo_run().join("bank.json")).unwrap(),
+        &["not a task", "line 1, column 1"],
     );
     task(
         &lemniscate.replace("length_m = 0.7", "length_m = 1.4"),

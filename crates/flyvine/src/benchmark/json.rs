@@ -135,10 +135,8 @@ impl<'a> Node<'a> {
 
     /// A list of `rows` lists of `columns` numbers, row-major.
     pub fn matrix(&self, rows: usize, columns: usize) -> Result<Vec<f64>, BenchmarkError> {
-        let mut entries = Vec::with_capacity(rows * columns);
-        for row in self.items_of(rows, &format!("rows of {columns} numbers"))? {
-            entries.extend(row.vector(columns)?);
-        }
-        Ok(entries)
+        let items = self.items_of(rows, &format!("rows of {columns} numbers"))?;
+        let rows: Vec<_> = items.map(|row| row.vector(columns)).collect::<Result<_, _>>()?;
+        Ok(rows.concat())
     }
 }

@@ -285,10 +285,14 @@ impl Task {
     pub fn knots(&self) -> usize {
         let steps = |duration_s: f64| (duration_s / DT).round() as usize;
         match self.motion() {
-            Motion::Lemniscate(lemniscate) => steps(lemniscate.period_s + lemniscate.ramp_s) + 1,
+            Motion::Lemniscate(lemniscate) => {
+                steps(lemniscate.period_s + lemniscate.ramp_s).saturating_add(1)
+            }
             Motion::Swing(swing) => steps(swing.duration_s),
             Motion::Deploy(deploy) => steps(deploy.duration_s),
-            Motion::Waypoints(waypoints) => steps(waypoints.points.last().map_or(0.0, |point| point.t_s)) + 1,
+            Motion::Waypoints(waypoints) => {
+                steps(waypoints.points.last().map_or(0.0, |point| point.t_s)).saturating_add(1)
+            }
         }
     }
 

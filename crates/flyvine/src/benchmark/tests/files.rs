@@ -22,6 +22,10 @@ fn broken_files_are_refused_by_name() {
         ),
         (with(&text, "/N", 1.into()), "at least 2 knots"),
         (
+            with(&text, "/N", 1_000_000_000_000_u64.into()),
+            "zref: found a list of 50, expected a list of 1000000000000",
+        ),
+        (
             with(&text, "/umin/0", 9.0.into()),
             "command bounds[0]: found the interval [9, 2]",
         ),
