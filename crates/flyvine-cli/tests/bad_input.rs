@@ -26,12 +26,13 @@ impl Case {
         path
     }
 
-    /// Runs flyvine with `arguments`, where `OUT` stands for a file that must not appear.
+    /// Runs flyvine with `arguments`, where `<OUT>` stands for a file that must not appear (brackets: no random
+    /// name of a folder has them).
     fn refuses(&self, arguments: &[&str], says: &[&str]) {
         let out = self.folder.path().join("out.csv");
         let arguments: Vec<String> = arguments
             .iter()
-            .map(|argument| argument.replace("OUT", &out.display().to_string()))
+            .map(|argument| argument.replace("<OUT>", &out.display().to_string()))
             .collect();
         let assert = flyvine().args(&arguments).assert();
         let output = assert.get_output();
@@ -53,24 +54,24 @@ impl Case {
 
     fn refuses_flight(&self, contents: impl AsRef<[u8]>, says: &[&str]) {
         let path = self.write("flight.csv", contents);
-        self.refuses(&["convert", &text(&path), "OUT"], says);
+        self.refuses(&["convert", &text(&path), "<OUT>"], says);
     }
 
     fn refuses_task(&self, contents: &str, says: &[&str]) {
         let path = self.write("task.toml", contents);
         let bank = text(&demo_run().join("bank.json"));
-        self.refuses(&["plan", &text(&path), "--bank", &bank, "--out", "OUT"], says);
+        self.refuses(&["plan", &text(&path), "--bank", &bank, "--out", "<OUT>"], says);
     }
 
     fn refuses_bank(&self, contents: impl AsRef<[u8]>, says: &[&str]) {
         let path = self.write("bank.json", contents);
         let task = text(&repository().join("examples/tasks/swing_ES.toml"));
-        self.refuses(&["plan", &task, "--bank", &text(&path), "--out", "OUT"], says);
+        self.refuses(&["plan", &task, "--bank", &text(&path), "--out", "<OUT>"], says);
     }
 
     fn refuses_plan(&self, contents: impl AsRef<[u8]>, says: &[&str]) {
         let path = self.write("plan.json", contents);
-        self.refuses(&["fly", &text(&path), "--vehicle", "sim", "--out", "OUT"], says);
+        self.refuses(&["fly", &text(&path), "--vehicle", "sim", "--out", "<OUT>"], says);
     }
 
     fn refuses_problem(&self, change: impl Fn(&mut serde_json::Value), says: &[&str]) {
@@ -134,7 +135,7 @@ fn broken_flights() {
     let flight = good_flight();
     let case = Case::new();
     let missing = case.folder.path().join("nowhere.csv");
-    case.refuses(&["convert", &text(&missing), "OUT"], &["nowhere.csv"]);
+    case.refuses(&["convert", &text(&missing), "<OUT>"], &["nowhere.csv"]);
     Case::new().refuses_flight("", &["flight.csv"]);
     Case::new().refuses_flight(flight.lines().next().unwrap(), &["flight.csv"]);
     Case::new().refuses_flight(flight.replacen("qr_qw", "quat_w", 1), &["qr_qw"]);
@@ -195,26 +196,26 @@ fn recordings_that_cannot_be_fitted() {
     let training = demo_run().join("training");
     let recording = text(&training.join("ES_pretzel.csv"));
     Case::new().refuses(
-        &["fit", &recording, &recording, "--out", "OUT"],
+        &["fit", &recording, &recording, "--out", "<OUT>"],
         &["ES_pretzel", "twice"],
     );
     let case = Case::new();
     let short = case.write("short.csv", good_flight());
     case.refuses(
-        &["fit", "--family", "lag", &text(&short), "--out", "OUT"],
+        &["fit", "--family", "lag", &text(&short), "--out", "<OUT>"],
         &["37 usable rows", "496 coefficients"],
     );
     let three = ["ES", "IS", "EL"].map(|corner| text(&training.join(format!("{corner}_pretzel.csv"))));
     Case::new().refuses(
-        &["fit", &three[0], &three[1], &three[2], "--out", "OUT"],
+        &["fit", &three[0], &three[1], &three[2], "--out", "<OUT>"],
         &["corner"],
     );
     Case::new().refuses(
-        &["fit", &recording, "--height-ridge=-1", "--out", "OUT"],
+        &["fit", &recording, "--height-ridge=-1", "--out", "<OUT>"],
         &["--height-ridge", "-1"],
     );
     Case::new().refuses(
-        &["fit", &recording, "--lags", "99", "--out", "OUT"],
+        &["fit", &recording, "--lags", "99", "--out", "<OUT>"],
         &["lags", "99"],
     );
 }
@@ -315,7 +316,7 @@ fn broken_banks_and_plans() {
 fn broken_vehicles() {
     let plan = text(&demo_run().join("experiments/swing_ES/plan.json"));
     let fly = |case: &Case, vehicle: &str, says: &[&str]| {
-        case.refuses(&["fly", &plan, "--vehicle", vehicle, "--out", "OUT"], says);
+        case.refuses(&["fly", &plan, "--vehicle", vehicle, "--out", "<OUT>"], says);
     };
     fly(&Case::new(), "helicopter", &["helicopter", "exec:PROGRAM"]);
     fly(&Case::new(), "sim:nowhere.toml", &["nowhere.toml"]);
@@ -330,7 +331,10 @@ fn broken_vehicles() {
     let case = Case::new();
     let file = case.write("vehicle.toml", "[supervisor]\nabort_after_s = 1\n");
     fly(&case, &format!("sim:{}", text(&file)), &["abort_after_s"]);
-    Case::new().refuses(&["fly", &plan, "--vehicle", "sim", "--out", "OUT.txt"], &[".csv"]);
+    Case::new().refuses(
+        &["fly", &plan, "--vehicle", "sim", "--out", "<OUT>.txt"],
+        &[".csv"],
+    );
 }
 
 #[test]
@@ -355,5 +359,5 @@ fn runs_and_outputs_that_are_in_the_way() {
     assert!(case.folder.path().join("precious.txt").exists());
     let case = Case::new();
     case.refuses(&["report", &text(case.folder.path())], &["not a run folder"]);
-    Case::new().refuses(&["convert", "flight.doc", "OUT"], &[".doc"]);
+    Case::new().refuses(&["convert", "flight.doc", "<OUT>"], &[".doc"]);
 }
