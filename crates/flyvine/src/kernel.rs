@@ -3,6 +3,7 @@
 //! Every row is padded to whole vectors of the widest instruction set ([`padded`]), so there are no remainders;
 //! which instruction set is used is decided at run time.
 
+use aligned_vec::{AVec, ConstAlign};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Doubles in the widest SIMD vector.
@@ -11,6 +12,22 @@ const MAX_LANES: usize = 8;
 /// Length of a row with room for `len` entries.
 pub const fn padded(len: usize) -> usize {
     len.next_multiple_of(MAX_LANES)
+}
+
+/// Entries of a matrix on whole cache lines: a vector that lies across two of them costs twice.
+pub type Entries = AVec<f64, ConstAlign<CACHE_LINE>>;
+
+/// Bytes of a cache line, and of the widest SIMD vector.
+const CACHE_LINE: usize = MAX_LANES * size_of::<f64>();
+
+/// `len` zeros.
+pub fn zeros(len: usize) -> Entries {
+    entries(std::iter::repeat_n(0.0, len))
+}
+
+/// A copy of these values.
+pub fn entries(values: impl IntoIterator<Item = f64>) -> Entries {
+    AVec::from_iter(CACHE_LINE, values)
 }
 
 /// A matrix: whole rows, row-major, of which columns from some first one on are meant.

@@ -10,7 +10,7 @@
 //! end-effector height, whose 1 + 30 + 465 coefficients are all free.
 
 use super::error::{ModelError, require_finite, require_len};
-use crate::kernel;
+use crate::kernel::{self, Entries};
 use crate::trajopt::Dynamics;
 use serde::{Deserialize, Serialize};
 
@@ -53,7 +53,7 @@ impl CommandInputs {
 struct QuadraticRow {
     row: usize,
     /// p rows of p, symmetric; rows padded as [`kernel`] wants them.
-    hessian: Vec<f64>,
+    hessian: Entries,
 }
 
 /// One fitted predictor at one configuration.
@@ -65,7 +65,7 @@ pub struct LagModel {
     /// c (9).
     offset: Vec<f64>,
     /// l (9 rows of p), rows padded as [`kernel`] wants them.
-    linear: Vec<f64>,
+    linear: Entries,
     quadratic: Vec<QuadraticRow>,
 }
 
@@ -185,14 +185,14 @@ impl LagModel {
     /// this interpolates predictions. All models must have one structure; `parts` must not be empty.
     pub(crate) fn combination(parts: &[(f64, &Self)]) -> Self {
         let first = parts[0].1;
-        let mix = |array: &dyn Fn(&Self) -> &[f64]| -> Vec<f64> {
-            let value = |index: usize| {
+        let mix = |array: &dyn Fn(&Self) -> &[f64]| {
+            let value = |index: usize| -> f64 {
                 parts
                     .iter()
                     .map(|(weight, model)| weight * array(model)[index])
                     .sum()
             };
-            (0..array(first).len()).map(value).collect()
+            kernel::entries((0..array(first).len()).map(value))
         };
         let quadratic_row = |(index, quadratic): (usize, &QuadraticRow)| QuadraticRow {
             row: quadratic.row,
@@ -201,7 +201,7 @@ impl LagModel {
         Self {
             lags: first.lags,
             inputs: first.inputs,
-            offset: mix(&|model| &model.offset),
+            offset: mix(&|model| &model.offset).to_vec(),
             linear: mix(&|model| &model.linear),
             quadratic: first.quadratic.iter().enumerate().map(quadratic_row).collect(),
         }
@@ -239,7 +239,19 @@ impl Dynamics for LagModel {
         fresh: &mut [f64],
         jacobian: &mut [f64],
     ) {
-        self.linearize_rows(state, command, fresh, self.regressor_len(), jacobian);
+        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
+        let w = regressor(state, command, &mut buffer);
+        let p = self.regressor_len();
+        self.linear_step(w, fresh);
+        let rows = jacobian.chunks_exact_mut(p);
+        for (row, linear) in rows.zip(self.linear.chunks_exact(w.len())) {
+            row.copy_from_slice(&linear[..p]);
+        }
+        for quadratic in &self.quadratic {
+            let mut slope = [0.0; MAX_REGRESSOR_LEN];
+            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
+            add(&mut jacobian[quadratic.row * p..][..p], &slope);
+        }
     }
 
     fn linearize_padded(
@@ -251,7 +263,18 @@ impl Dynamics for LagModel {
         stride: usize,
         jacobian: &mut [f64],
     ) {
-        self.linearize_rows(state, command, fresh, stride, jacobian);
+        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
+        let w = regressor(state, command, &mut buffer);
+        self.linear_step(w, fresh);
+        // Its rows are padded like those of `jacobian`.
+        jacobian.copy_from_slice(&self.linear);
+        for quadratic in &self.quadratic {
+            let rows = quadratic.row * stride..(quadratic.row + 1) * stride;
+            let slope = &mut jacobian[rows.clone()];
+            slope.fill(0.0);
+            fresh[quadratic.row] += quadratic.value(w, slope);
+            add(slope, &self.linear[rows]);
+        }
     }
 
     fn add_curvature(
@@ -278,31 +301,12 @@ impl LagModel {
             *entry += offset;
         }
     }
+}
 
-    /// The step and its Jacobian, in rows of `row_len` entries: as long as the regressor, or padded with zeros.
-    fn linearize_rows(
-        &self,
-        state: &[f64],
-        command: &[f64],
-        fresh: &mut [f64],
-        row_len: usize,
-        jacobian: &mut [f64],
-    ) {
-        let mut buffer = [0.0; MAX_REGRESSOR_LEN];
-        let w = regressor(state, command, &mut buffer);
-        self.linear_step(w, fresh);
-        let rows = jacobian.chunks_exact_mut(row_len);
-        for (row, linear) in rows.zip(self.linear.chunks_exact(w.len())) {
-            row.copy_from_slice(&linear[..row_len]);
-        }
-        for quadratic in &self.quadratic {
-            let mut slope = [0.0; MAX_REGRESSOR_LEN];
-            fresh[quadratic.row] += quadratic.value(w, &mut slope[..w.len()]);
-            let row = &mut jacobian[quadratic.row * row_len..][..row_len];
-            for (entry, slope) in row.iter_mut().zip(slope) {
-                *entry += slope;
-            }
-        }
+/// `to += from`, as far as `to` goes.
+fn add(to: &mut [f64], from: &[f64]) {
+    for (entry, addend) in to.iter_mut().zip(from) {
+        *entry += addend;
     }
 }
 
@@ -335,8 +339,8 @@ fn regressor<'a>(state: &[f64], command: &[f64], buffer: &'a mut [f64; MAX_REGRE
 }
 
 /// Rows of `len`, each padded.
-fn padded_rows(rows: &[f64], len: usize) -> Vec<f64> {
-    let mut padded = vec![0.0; rows.len() / len * kernel::padded(len)];
+fn padded_rows(rows: &[f64], len: usize) -> Entries {
+    let mut padded = kernel::zeros(rows.len() / len * kernel::padded(len));
     for (to, from) in padded
         .chunks_exact_mut(kernel::padded(len))
         .zip(rows.chunks_exact(len))

@@ -139,6 +139,11 @@ impl AugmentedLagrangian {
         Self { constraints, first }
     }
 
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.constraints.is_empty()
+    }
+
     /// The constraints at one knot.
     pub fn at(&self, knot: usize) -> &[StateConstraint] {
         &self.constraints[self.first[knot]..self.first[knot + 1]]

@@ -59,7 +59,7 @@ pub(super) struct Progress {
     pub merit: f64,
     /// Steps since the merit last decreased by more than its noise, or the multipliers changed.
     unjudged_steps: usize,
-    /// J.
+    /// J of `trajectory`.
     pub cost: f64,
     pub stationarity: f64,
     /// Stationarity at which the multipliers are updated.
@@ -190,7 +190,6 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.expansion
             .update(self.problem, &self.constraints, &self.trajectory);
         self.adjoint.sweep(&self.trajectory, &self.expansion);
-        self.progress.cost = rollout::cost(self.problem, &self.trajectory);
         let norm = self.adjoint.projected_norm(self.problem, &self.trajectory);
         self.progress.stationarity = norm / (1.0 + self.progress.cost.abs());
     }
@@ -232,7 +231,11 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         self.progress.unjudged_steps = 0;
         let wanted = (INNER_SHARE * residual).min(self.progress.inner_tolerance);
         self.progress.inner_tolerance = wanted.max(stationarity_tolerance);
-        self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
+        if self.constraints.is_empty() {
+            return None; // neither merit nor derivatives have changed
+        }
+        self.progress.merit =
+            self.progress.cost + rollout::multiplier_terms(&self.constraints, &self.trajectory);
         self.expand();
         self.learn_curvature();
         None
@@ -300,7 +303,7 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
         let noise = self.merit_noise();
         let found = pass.line_search(self.progress.merit, noise, &mut self.candidate);
         let Some(Accepted {
-            merit,
+            costs,
             step_length,
             decreased,
         }) = found
@@ -313,7 +316,8 @@ impl<'a, D: Dynamics + ?Sized> Solver<'a, D> {
             self.progress.unjudged_steps + 1
         };
         std::mem::swap(&mut self.trajectory, &mut self.candidate);
-        self.progress.merit = merit;
+        self.progress.cost = costs.cost;
+        self.progress.merit = costs.merit;
         self.progress.reusable = step_length == 1.0;
         if step_length < 1.0 {
             // The line search linearizes along the full step only.

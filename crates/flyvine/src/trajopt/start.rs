@@ -86,7 +86,9 @@ impl<D: Dynamics + ?Sized> Solver<'_, D> {
     fn roll_out(&mut self) -> Result<(), usize> {
         self.trajectory.state_mut(0).copy_from_slice(&self.start);
         rollout::rollout(self.dynamics, &mut self.trajectory)?;
-        self.progress.merit = rollout::merit(self.problem, &self.constraints, &self.trajectory);
+        self.progress.cost = rollout::cost(self.problem, &self.trajectory);
+        self.progress.merit =
+            self.progress.cost + rollout::multiplier_terms(&self.constraints, &self.trajectory);
         if self.progress.merit.is_finite() {
             Ok(())
         } else {
@@ -123,12 +125,12 @@ impl<D: Dynamics + ?Sized> Solver<'_, D> {
             policy: &self.policy,
             old: &self.trajectory,
         };
-        self.progress.merit = pass.closed_loop(0.0, true, &mut self.candidate);
+        let costs = pass
+            .closed_loop(0.0, true, &mut self.candidate)
+            .ok_or(self.shape.steps())?;
         std::mem::swap(&mut self.trajectory, &mut self.candidate);
-        if self.progress.merit.is_finite() {
-            Ok(())
-        } else {
-            Err(self.shape.steps())
-        }
+        self.progress.cost = costs.cost;
+        self.progress.merit = costs.merit;
+        Ok(())
     }
 }

@@ -7,21 +7,21 @@
 use super::super::Problem;
 use super::expansion::Expansion;
 use super::{Shape, Trajectory};
-use crate::kernel;
+use crate::kernel::{self, Entries};
 
 /// `(λ_k, g_k)` for every knot.
 #[derive(Debug, Clone)]
 pub struct Adjoint {
     shape: Shape,
     /// N × stride: λ_k in the state's place, g_k in the command's.
-    values: Vec<f64>,
+    values: Entries,
 }
 
 impl Adjoint {
     pub fn new(shape: Shape) -> Self {
         Self {
             shape,
-            values: vec![0.0; shape.knots * shape.stride],
+            values: kernel::zeros(shape.knots * shape.stride),
         }
     }
 

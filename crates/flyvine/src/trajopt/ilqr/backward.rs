@@ -15,7 +15,7 @@ use super::command_box::{self, Hold, NotPositiveDefinite};
 use super::expansion::Expansion;
 use super::riccati::Riccati;
 use super::{Shape, Trajectory};
-use crate::kernel::{self, Rows, Wanted};
+use crate::kernel::{self, Entries, Rows, Wanted};
 
 /// Which second derivatives enter the Hessian.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,9 +83,9 @@ pub struct Policy {
     /// d, (N−1) × m.
     steps: Vec<f64>,
     /// K, (N−1) × m × stride.
-    gains: Vec<f64>,
+    gains: Entries,
     /// `Q_uz`, (N−1) × m × stride.
-    cross: Vec<f64>,
+    cross: Entries,
     /// `Q_uu`, (N−1) × m × m.
     hessians: Vec<f64>,
     /// Cholesky factors of the free part of `Q_uu`, (N−1) × m × m.
@@ -106,7 +106,7 @@ const USUAL_COMMAND: usize = 3;
 #[derive(Debug, Clone)]
 struct Scratch {
     /// p_{k+1} and p_k, 2 × stride.
-    costate_change: [Vec<f64>; 2],
+    costate_change: [Entries; 2],
     lower: Vec<f64>,
     upper: Vec<f64>,
     gradient: Vec<f64>,
@@ -120,8 +120,8 @@ impl Policy {
         Self {
             shape,
             steps: vec![0.0; steps * m],
-            gains: vec![0.0; steps * m * stride],
-            cross: vec![0.0; steps * m * stride],
+            gains: kernel::zeros(steps * m * stride),
+            cross: kernel::zeros(steps * m * stride),
             hessians: vec![0.0; steps * m * m],
             factors: vec![0.0; steps * m * m],
             holds: vec![Hold::Free; steps * m],
@@ -129,7 +129,7 @@ impl Policy {
             quadratic: 0.0,
             riccati: Riccati::new(shape),
             scratch: Scratch {
-                costate_change: [vec![0.0; stride], vec![0.0; stride]],
+                costate_change: [kernel::zeros(stride), kernel::zeros(stride)],
                 lower: vec![0.0; m],
                 upper: vec![0.0; m],
                 gradient: vec![0.0; m],

@@ -4,7 +4,7 @@ use super::super::augmented_lagrangian::AugmentedLagrangian;
 use super::super::{Dynamics, Problem};
 use super::Trajectory;
 use super::backward::Policy;
-use super::rollout;
+use super::rollout::{self, Costs};
 
 /// Share of the predicted decrease that must be reached (Armijo).
 const SUFFICIENT_DECREASE: f64 = 1e-4;
@@ -24,40 +24,37 @@ pub struct ForwardPass<'a, D: Dynamics + ?Sized> {
 /// A step that was taken.
 #[derive(Debug, Clone, Copy)]
 pub struct Accepted {
-    pub merit: f64,
+    pub costs: Costs,
     pub step_length: f64,
     /// Whether the merit decreased by more than its noise.
     pub decreased: bool,
 }
 
 impl<D: Dynamics + ?Sized> ForwardPass<'_, D> {
-    /// Rolls `u = clamp(u_old + α d + K (z − z_old))` out from the first state of `new` and returns its merit, infinite
-    /// if it leaves the finite numbers.
-    pub fn closed_loop(&self, step_length: f64, linearize: bool, new: &mut Trajectory) -> f64 {
+    /// Rolls `u = clamp(u_old + α d + K (z − z_old))` out from the first state of `new` and returns what it
+    /// costs, `None` if it leaves the finite numbers.
+    pub fn closed_loop(&self, step_length: f64, linearize: bool, new: &mut Trajectory) -> Option<Costs> {
         let (problem, old, shape) = (self.problem, self.old, self.old.shape);
-        let mut merit = rollout::state_cost(problem, 0, new.state(0));
+        let mut cost = rollout::state_cost(problem, 0, new.state(0));
+        let mut multiplier_terms = 0.0;
         for knot in 0..shape.steps() {
-            for j in 0..shape.command {
-                let gain = &self.policy.gain(knot)[j * shape.stride..][..shape.state];
-                let states = new.state(knot).iter().zip(old.state(knot));
-                let feedback: f64 = gain
-                    .iter()
-                    .zip(states)
-                    .map(|(k, (new, old))| k * (new - old))
-                    .sum();
-                let command = old.command(knot)[j] + step_length * self.policy.step(knot)[j] + feedback;
-                new.command_mut(knot)[j] = command.clamp(problem.command_lower[j], problem.command_upper[j]);
+            new.feed_back(knot, self.policy.gain(knot), old);
+            let commands = new.command_mut(knot).iter_mut().zip(old.command(knot));
+            for (j, (command, old)) in commands.enumerate() {
+                *command += old + step_length * self.policy.step(knot)[j];
+                *command = command.clamp(problem.command_lower[j], problem.command_upper[j]);
             }
             new.advance(self.dynamics, knot, linearize);
             let state = new.state(knot + 1);
-            merit += rollout::command_cost(problem, knot, new.command(knot))
-                + rollout::state_cost(problem, knot + 1, state)
-                + rollout::constraint_cost(self.constraints, knot + 1, state);
-            if !merit.is_finite() {
-                return f64::INFINITY;
+            cost += rollout::command_cost(problem, knot, new.command(knot))
+                + rollout::state_cost(problem, knot + 1, state);
+            multiplier_terms += rollout::constraint_cost(self.constraints, knot + 1, state);
+            if !(cost + multiplier_terms).is_finite() {
+                return None;
             }
         }
-        merit
+        let merit = cost + multiplier_terms;
+        Some(Costs { cost, merit })
     }
 
     /// Halves the step until the merit decreases enough, or changes by no more than `noise`; `new` then holds the
@@ -66,13 +63,15 @@ impl<D: Dynamics + ?Sized> ForwardPass<'_, D> {
         new.state_mut(0).copy_from_slice(self.old.state(0));
         for halvings in 0..=MAX_HALVINGS {
             let step_length = 0.5_f64.powi(halvings);
-            let merit = self.closed_loop(step_length, halvings == 0, new);
+            let Some(costs) = self.closed_loop(step_length, halvings == 0, new) else {
+                continue;
+            };
             let predicted = step_length * (self.policy.slope + step_length * self.policy.quadratic);
-            if merit - old_merit <= SUFFICIENT_DECREASE * predicted + noise {
+            if costs.merit - old_merit <= SUFFICIENT_DECREASE * predicted + noise {
                 return Some(Accepted {
-                    merit,
+                    costs,
                     step_length,
-                    decreased: merit < old_merit - noise,
+                    decreased: costs.merit < old_merit - noise,
                 });
             }
         }

@@ -13,7 +13,7 @@ pub(super) mod rollout;
 pub(super) mod secant;
 
 use super::{Dynamics, Problem};
-use crate::kernel;
+use crate::kernel::{self, Entries};
 
 /// Sizes that every pass needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,20 +59,23 @@ impl Shape {
 pub(super) struct Trajectory {
     shape: Shape,
     /// `w_k = (z_k, u_k, 0…)`, N × stride; the last command is unused.
-    points: Vec<f64>,
+    points: Entries,
     /// `C_k = [A_k B_k]`, (N−1) × fresh × stride.
-    jacobians: Vec<f64>,
+    jacobians: Entries,
     /// Room for the step that comes with a Jacobian.
     fresh: Vec<f64>,
+    /// Room for the difference of two points.
+    difference: Entries,
 }
 
 impl Trajectory {
     pub fn new(shape: Shape) -> Self {
         Self {
             shape,
-            points: vec![0.0; shape.knots * shape.stride],
-            jacobians: vec![0.0; shape.steps() * shape.fresh * shape.stride],
+            points: kernel::zeros(shape.knots * shape.stride),
+            jacobians: kernel::zeros(shape.steps() * shape.fresh * shape.stride),
             fresh: vec![0.0; shape.fresh],
+            difference: kernel::zeros(shape.stride),
         }
     }
 
@@ -101,6 +104,21 @@ impl Trajectory {
     pub fn jacobian(&self, knot: usize) -> &[f64] {
         let len = self.shape.fresh * self.shape.stride;
         &self.jacobians[knot * len..][..len]
+    }
+
+    /// `u_k = K (z_k − z_k of other)`, K being m × stride and zero beyond the states.
+    pub fn feed_back(&mut self, knot: usize, gain: &[f64], other: &Self) {
+        let Shape {
+            state: n,
+            command: m,
+            stride,
+            ..
+        } = self.shape;
+        let point = &mut self.points[knot * stride..][..stride];
+        for ((difference, own), other) in self.difference.iter_mut().zip(&*point).zip(other.point(knot)) {
+            *difference = own - other;
+        }
+        kernel::multiply(gain, &self.difference, &mut point[n..n + m]);
     }
 
     /// `z_{k+1} = (f_k(z_k, u_k), z_k[0..n − fresh])`, and C_k if asked for.

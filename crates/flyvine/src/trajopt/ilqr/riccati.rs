@@ -13,7 +13,7 @@
 //! computed and read, so P is symmetric by construction; an antisymmetric part would grow from knot to knot.
 
 use super::Shape;
-use crate::kernel::{self, Rows, SumOfProducts, Wanted};
+use crate::kernel::{self, Entries, Rows, SumOfProducts, Wanted};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Lengths of the recursion's matrices.
@@ -46,15 +46,15 @@ pub struct Riccati {
     sizes: Sizes,
     /// P of the later knot, upper triangle, P₁₁ in full, with zeros to the right and below: so `P₁₂ S` and `Sᵀ P₂₂ S` are
     /// P itself, read from column `fresh` on, or from row and column `fresh` on.
-    value: Vec<f64>,
+    value: Entries,
     /// Room for P of this knot.
-    next_value: Vec<f64>,
+    next_value: Entries,
     /// Second derivatives of the Lagrangian at this knot beside its diagonal, n + m rows of `stride`.
-    curvature: Vec<f64>,
+    curvature: Entries,
     /// Whether there are any.
     curved: bool,
     /// W, fresh rows of `stride`.
-    product: Vec<f64>,
+    product: Entries,
 }
 
 impl Riccati {
@@ -67,14 +67,14 @@ impl Riccati {
             value_stride,
             ..
         } = sizes;
-        let value = vec![0.0; (fresh + state + 1) * value_stride];
+        let value = kernel::zeros((fresh + state + 1) * value_stride);
         Self {
             sizes,
             value: value.clone(),
             next_value: value,
-            curvature: vec![0.0; shape.width() * stride],
+            curvature: kernel::zeros(shape.width() * stride),
             curved: false,
-            product: vec![0.0; fresh * stride],
+            product: kernel::zeros(fresh * stride),
         }
     }
 

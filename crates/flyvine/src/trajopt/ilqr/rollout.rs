@@ -4,6 +4,15 @@ use super::super::augmented_lagrangian::AugmentedLagrangian;
 use super::super::{Dynamics, Problem};
 use super::Trajectory;
 
+/// What a trajectory costs.
+#[derive(Debug, Clone, Copy)]
+pub struct Costs {
+    /// J.
+    pub cost: f64,
+    /// J plus the multiplier terms.
+    pub merit: f64,
+}
+
 /// Rolls the trajectory's own commands out from its first state, and linearizes along it.
 ///
 /// # Errors
@@ -36,7 +45,7 @@ pub fn command_cost(problem: &Problem, knot: usize, command: &[f64]) -> f64 {
     )
 }
 
-/// `Σ_k ψ_k`, the multiplier terms at one knot.
+/// `ψ_k`, the multiplier terms at one knot.
 pub fn constraint_cost(constraints: &AugmentedLagrangian, knot: usize, state: &[f64]) -> f64 {
     constraints
         .at(knot)
@@ -57,12 +66,11 @@ pub fn cost(problem: &Problem, trajectory: &Trajectory) -> f64 {
     running + state_cost(problem, last, trajectory.state(last))
 }
 
-/// J plus the multiplier terms.
-pub fn merit(problem: &Problem, constraints: &AugmentedLagrangian, trajectory: &Trajectory) -> f64 {
-    let multiplier_terms: f64 = (1..trajectory.shape.knots)
+/// `Σ_k ψ_k` at all knots.
+pub fn multiplier_terms(constraints: &AugmentedLagrangian, trajectory: &Trajectory) -> f64 {
+    (1..trajectory.shape.knots)
         .map(|knot| constraint_cost(constraints, knot, trajectory.state(knot)))
-        .sum();
-    cost(problem, trajectory) + multiplier_terms
+        .sum()
 }
 
 /// `Σ w (v − r)²`, in four sums that do not wait for each other.
