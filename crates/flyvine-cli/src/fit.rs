@@ -86,6 +86,10 @@ pub struct FitArguments {
     /// refinement only where it predicts held-out flights better.
     #[arg(long, value_enum, default_value_t = RefinementChoice::Auto)]
     refinement: RefinementChoice,
+    /// Try a small linear correction of the velocities on top of physical models, fitted to what physics leaves over, and
+    /// keep it if it predicts held-out flights better.
+    #[arg(long, conflicts_with_all = ["stream", "shard", "merge"])]
+    correction: bool,
     /// Read the recordings one after the other, in memory that does not depend on their number: least squares of the
     /// lag family, ridges and velocity input as given (auto means none), no refinement.
     #[arg(long, conflicts_with_all = ["ensemble", "bootstrap", "report", "merge"])]
@@ -200,10 +204,19 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     if arguments.bootstrap.is_some() && arguments.family == FamilyChoice::Lag {
         return bad_input("--bootstrap: found --family lag, expected physical, whose parameters mean something each on its own".into());
     }
+    if arguments.correction && arguments.family == FamilyChoice::Lag {
+        return bad_input(
+            "--correction: found --family lag, expected physical: the lag family has nothing to correct"
+                .into(),
+        );
+    }
     let options = FamilyOptions {
         families: arguments.family.families(),
         lag: arguments.options(),
-        physical: PhysicalFitOptions::default(),
+        physical: PhysicalFitOptions {
+            correction: arguments.correction,
+            ..PhysicalFitOptions::default()
+        },
     };
     say(&format!("fitting {} flights …", flights.len()));
     let (bank, report) = fit_progress::fit(&flights, &options)?;

@@ -92,6 +92,18 @@ pub fn tables(report: &PhysicalFitReport) -> String {
             support.command_lead_m
         );
     }
+    if let Some(trial) = &report.correction {
+        text += &format!(
+            "\ncorrection: on held-out flights the tip is {:.2} cm off with it, {:.2} without: {}",
+            100.0 * trial.corrected.mean_m(),
+            100.0 * trial.plain.mean_m(),
+            if trial.worthwhile() {
+                "kept"
+            } else {
+                "not worth keeping"
+            }
+        );
+    }
     text
 }
 

@@ -211,6 +211,18 @@ fn recordings_that_cannot_be_fitted() {
         &["corner"],
     );
     Case::new().refuses(
+        &[
+            "fit",
+            &recording,
+            "--family",
+            "lag",
+            "--correction",
+            "--out",
+            "<OUT>",
+        ],
+        &["--correction", "physical"],
+    );
+    Case::new().refuses(
         &["fit", &recording, "--height-ridge=-1", "--out", "<OUT>"],
         &["--height-ridge", "-1"],
     );

@@ -134,7 +134,7 @@ fn a_physical_bank_is_reported_excited_and_learnt_with() {
     let recordings = ["pretzel", "swings", "small_lemniscate_7s_to_4s"]
         .map(|name| run.join("training").join(format!("ES_{name}.csv")));
     flyvine()
-        .args(["fit", "--family", "physical"])
+        .args(["fit", "--family", "physical", "--correction"])
         .args(&recordings)
         .arg("--out")
         .arg(file("bank.json"))
@@ -142,7 +142,10 @@ fn a_physical_bank_is_reported_excited_and_learnt_with() {
         .arg(file("report"))
         .assert()
         .success()
-        .stdout(contains("tilt_limit").and(contains("band of confidence")))
+        .stdout(
+            contains("tilt_limit")
+                .and(contains("band of confidence").and(contains("correction: on held-out"))),
+        )
         .stderr(contains("first 10 s of every flight").and(contains("held-out rollouts")));
     let json = |name: &str| -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(file(name)).unwrap()).unwrap()

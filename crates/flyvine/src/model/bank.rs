@@ -7,6 +7,7 @@ use super::family::Model;
 use super::lag::CommandInputs;
 use super::noise::NoiseLevels;
 use super::options::FitOptions;
+use super::physical::PhysicalModel;
 use super::schedule::ScheduledModel;
 use super::selection::Candidate;
 use super::support::Support;
@@ -230,11 +231,18 @@ impl Bank {
     /// The same bank for flights that are sent positions only, as those of most plans are: without the feed-forward of physical models
     /// that were fitted to flights which were sent velocities, too.
     pub fn sent_positions_only(&self) -> Self {
+        self.map_physical(|_, model| {
+            model.parameters.velocity_feedforward = 0.0;
+            model.parameters.acceleration_feedforward = 0.0;
+        })
+    }
+
+    /// The same bank with its physical models changed, each of which `change` is given with its number.
+    pub(crate) fn map_physical(&self, change: impl Fn(usize, &mut PhysicalModel)) -> Self {
         let mut bank = self.clone();
-        for model in &mut bank.models {
+        for (number, model) in bank.models.iter_mut().enumerate() {
             if let Model::Physical(physical) = &mut model.model {
-                physical.parameters.velocity_feedforward = 0.0;
-                physical.parameters.acceleration_feedforward = 0.0;
+                change(number, physical);
             }
         }
         bank

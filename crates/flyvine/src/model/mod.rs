@@ -25,6 +25,7 @@ mod bank_file;
 mod check;
 mod commanded_velocity;
 mod corner;
+mod corrections;
 mod ensemble;
 mod error;
 mod families;
@@ -63,6 +64,7 @@ pub use bank::{
 };
 pub use bank_file::BANK_SCHEMA_VERSION;
 pub use check::{CheckReport, FlightCheck, ModelCheck, PooledError, WindowKind, check};
+pub use corrections::{CorrectionTrial, HeldOutErrors};
 pub use ensemble::bootstrap;
 pub use error::ModelError;
 pub use families::{

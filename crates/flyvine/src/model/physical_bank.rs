@@ -1,6 +1,7 @@
 //! From flights to a bank of the physical family.
 
 use super::bank::{Bank, BankModel, BankProvenance, ModelDiagnostics};
+use super::corrections::{CorrectionTrial, correct};
 use super::error::ModelError;
 use super::family::Model;
 use super::groups::{Groups, group, refuse_duplicates};
@@ -22,6 +23,9 @@ pub struct PhysicalFitReport {
     pub corners: Vec<CornerFit>,
     /// Names of the flights that were not fitted: at interior configurations, or with one that changes.
     pub cross_checked: Vec<String>,
+    /// What a correction of the models did on held-out flights, if it was tried.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correction: Option<CorrectionTrial>,
 }
 
 /// The fit of one corner.
@@ -76,7 +80,7 @@ pub fn fit_physical_bank(
         let own: Vec<_> = fits.iter().map(|fit| fit.parameters).collect();
         fits = together(flights, &groups, &own, options, progress)?;
     }
-    join(flights, &groups, fits)
+    join(flights, &groups, fits, options)
 }
 
 /// Fits the physical family again, beginning with the models of `bank`: on more flights, or others.
@@ -105,7 +109,7 @@ pub fn refit_physical_bank(
         .map(start)
         .collect::<Result<Vec<_>, ModelError>>()?;
     let fits = together(flights, &groups, &starts, options, progress)?;
-    join(flights, &groups, fits)
+    join(flights, &groups, fits, options)
 }
 
 fn together(
@@ -132,20 +136,13 @@ fn join(
     flights: &[Flight],
     groups: &Groups,
     fits: Vec<PhysicalModel>,
+    options: &PhysicalFitOptions,
 ) -> Result<(Bank, PhysicalFitReport), ModelError> {
     let (mut models, mut corners) = (Vec::new(), Vec::new());
     for ((configuration, members), fit) in groups.corners.iter().zip(fits) {
         corners.extend(corner_fit(*configuration, &fit, &chosen(flights, members))?);
         models.push(bank_model(*configuration, fit)?);
     }
-    let report = PhysicalFitReport {
-        corners,
-        cross_checked: groups
-            .interior
-            .iter()
-            .map(|&index| flights[index].name.clone())
-            .collect(),
-    };
     let provenance = BankProvenance {
         tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),
         inputs: Vec::new(),
@@ -153,7 +150,20 @@ fn join(
         chosen: None,
         between: None,
     };
-    let bank = Bank::new(models, provenance)?.with_support(Some(Support::of(flights)))?;
+    let mut bank = Bank::new(models, provenance)?.with_support(Some(Support::of(flights)))?;
+    let mut correction = None;
+    if options.correction {
+        (bank, correction) = correct(bank, flights, groups, options)?;
+    }
+    let report = PhysicalFitReport {
+        correction,
+        corners,
+        cross_checked: groups
+            .interior
+            .iter()
+            .map(|&index| flights[index].name.clone())
+            .collect(),
+    };
     Ok((bank, report))
 }
 

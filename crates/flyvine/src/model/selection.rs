@@ -20,7 +20,7 @@ const DIVERGED_COUNTS_M: f64 = 1.0;
 /// Scores within this factor of each other are nearly equal.
 const NEARLY: f64 = 1.05;
 /// A candidate must be better by this factor to be preferred to a simpler one.
-const WORTHWHILE: f64 = 0.98;
+pub(crate) const WORTHWHILE: f64 = 0.98;
 
 /// One choice that was tried, and how its held-out rollouts did.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -22,9 +22,10 @@ pub const MOST_VARIABLES: usize = VARIABLES + SURROUNDINGS_LEN;
 impl PhysicalModel {
     /// [`Dynamics::step`] in moving air and with a load at the tip.
     pub fn step_in(&self, around: &Surroundings, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        let command = Vector([command[0], command[1], command[2]]);
-        let state = State::from_flat(state);
-        step_in(&self.parameters, self.arm, around, &state, &command).write_flat(fresh);
+        let set_point = Vector([command[0], command[1], command[2]]);
+        let from = State::from_flat(state);
+        step_in(&self.parameters, self.arm, around, &from, &set_point).write_flat(fresh);
+        self.correct(state, command, fresh);
     }
 
     /// [`Dynamics::linearize`] there, and the Jacobian by the surroundings ([`STATE_LEN`] × [`SURROUNDINGS_LEN`]) for
@@ -39,14 +40,14 @@ impl PhysicalModel {
         mut by_surroundings: Option<&mut [f64]>,
     ) {
         let parameters: Parameters<Dual> = self.parameters.lift();
-        let state: [Dual; STATE_LEN] = std::array::from_fn(|i| Dual::variable(state[i], i));
-        let command = Vector([0, 1, 2].map(|i| Dual::variable(command[i], STATE_LEN + i)));
+        let from: [Dual; STATE_LEN] = std::array::from_fn(|i| Dual::variable(state[i], i));
+        let set_point = Vector([0, 1, 2].map(|i| Dual::variable(command[i], STATE_LEN + i)));
         let around = around.to_array();
         let around =
             Surroundings::from_array(std::array::from_fn(|i| Dual::variable(around[i], VARIABLES + i)));
         let mut next = [Dual::from(0.0); STATE_LEN];
-        let state = State::from_flat(&state);
-        step_in(&parameters, self.arm, &around, &state, &command).write_flat(&mut next);
+        let from = State::from_flat(&from);
+        step_in(&parameters, self.arm, &around, &from, &set_point).write_flat(&mut next);
         for (i, entry) in next.iter().enumerate() {
             fresh[i] = entry.value;
             let (own, others) = entry.gradient.split_at(VARIABLES);
@@ -55,6 +56,16 @@ impl PhysicalModel {
                 by_surroundings[i * SURROUNDINGS_LEN..][..SURROUNDINGS_LEN]
                     .copy_from_slice(&others[..SURROUNDINGS_LEN]);
             }
+        }
+        self.correct(state, command, fresh);
+        if let Some(correction) = &self.correction {
+            correction.add_jacobian(jacobian);
+        }
+    }
+
+    fn correct(&self, state: &[f64], command: &[f64], fresh: &mut [f64]) {
+        if let Some(correction) = &self.correction {
+            correction.add(self.arm.length_m, state, command, fresh);
         }
     }
 }
@@ -73,8 +84,9 @@ impl Dynamics for PhysicalModel {
     }
 
     fn step(&self, _knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
-        let command = Vector([command[0], command[1], command[2]]);
-        step(&self.parameters, self.arm, &State::from_flat(state), &command).write_flat(fresh);
+        let set_point = Vector([command[0], command[1], command[2]]);
+        step(&self.parameters, self.arm, &State::from_flat(state), &set_point).write_flat(fresh);
+        self.correct(state, command, fresh);
     }
 
     fn linearize(
@@ -92,6 +104,7 @@ impl Dynamics for PhysicalModel {
 #[cfg(test)]
 mod tests {
     use super::super::arm::ArmLength;
+    use super::super::correction::Correction;
     use super::*;
 
     /// States along a lively manoeuvre, with every part of the model in motion.
@@ -119,10 +132,18 @@ mod tests {
             length_m: 0.8,
             rate_m_s: 0.02,
         };
-        let dynamics = PhysicalModel::new(Parameters::defaults(), growing).unwrap();
+        let plain = PhysicalModel::new(Parameters::defaults(), growing).unwrap();
+        let corrected = PhysicalModel {
+            correction: Some(Correction::across_swing(0.03)),
+            ..plain.clone()
+        };
         let windy = [1.2, -0.8, 0.1, 0.3];
-        for around in [[0.0; SURROUNDINGS_LEN], windy] {
-            for state in states(&dynamics).iter().step_by(7) {
+        for (dynamics, around) in [
+            (&plain, [0.0; SURROUNDINGS_LEN]),
+            (&plain, windy),
+            (&corrected, windy),
+        ] {
+            for state in states(dynamics).iter().step_by(7) {
                 let (mut fresh, mut jacobian) = ([0.0; STATE_LEN], [0.0; STATE_LEN * VARIABLES]);
                 let mut by_surroundings = [0.0; STATE_LEN * SURROUNDINGS_LEN];
                 let (command, at) = ([0.9, -0.4, 1.7], Surroundings::from_array(around));

@@ -93,6 +93,12 @@ pub enum PhysicalError {
         /// The length it should have.
         expected: usize,
     },
+    /// A coefficient of the correction is not a number.
+    #[error("the correction: found {found}, expected finite coefficients")]
+    CorrectionNotFinite {
+        /// Value found.
+        found: f64,
+    },
     /// A model without a usable covariance, where one is needed.
     #[error("the model has no positive definite covariance of its parameters, as a fitted one has")]
     NoCovariance,

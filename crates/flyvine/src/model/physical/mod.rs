@@ -13,6 +13,7 @@
 //! - **arm** (`arm.rs`, `joints.rs`, `hanging.rs`): [`LINKS`](state::LINKS) rigid links with point masses, hung below the quadrotor, with
 //!   elastic damped joints (the first one towards the body's down-axis) and quadratic air drag; constraint
 //!   forces act on both bodies. Its length may change;
+//! - **what is left over** (`correction.rs`): if it helps, a small linear [`Correction`] of both velocities;
 //! - **time** (`step.rs`): semi-implicit Euler steps of 10 ms, the joints' damping implicit.
 //!
 //! The flat state is the nine outputs `x ∈ R⁹` followed by the hidden rest ([`STATE_LEN`] entries), so costs and
@@ -35,6 +36,7 @@
 
 mod arm;
 mod autopilot;
+mod correction;
 mod dynamics;
 mod error;
 mod estimates;
@@ -56,9 +58,11 @@ pub(super) mod synthetic;
 mod vector;
 
 pub use arm::ArmLength;
+pub use correction::Correction;
 pub use error::PhysicalError;
 pub use estimates::ParameterEstimate;
 pub use excitation::{Room, design_flight, information_gain};
+pub(super) use fit::CorrectionEquations;
 pub use fit::{
     Estimate, FitProgress, FitStage, FlightTiming, PhysicalFitOptions, StreamTiming, fit_configurations,
     fit_physical, stream_timing,

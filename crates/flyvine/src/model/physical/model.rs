@@ -1,6 +1,7 @@
 //! A fitted physical model: parameters, how sure they are, and where they came from.
 
 use super::arm::ArmLength;
+use super::correction::Correction;
 use super::error::PhysicalError;
 use super::fit::PhysicalFitOptions;
 use super::parameters::{PARAMETER_COUNT, Parameters};
@@ -16,6 +17,9 @@ pub struct PhysicalModel {
     pub parameters: Parameters<f64>,
     /// The arm's length, and its growth while the model steps.
     pub arm: ArmLength,
+    /// What physics leaves over, if it was worth correcting.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub correction: Option<Correction>,
     /// Posterior covariance of the parameters' coordinates ([`Parameters::coordinates`]),
     /// [`PARAMETER_COUNT`] × [`PARAMETER_COUNT`]; empty for an interpolated model.
     pub covariance: Vec<Vec<f64>>,
@@ -59,6 +63,7 @@ impl PhysicalModel {
         let model = PhysicalModel {
             parameters,
             arm,
+            correction: None,
             covariance: Vec::new(),
             fit: None,
         };
@@ -76,9 +81,14 @@ impl PhysicalModel {
             .iter()
             .map(|(weight, part)| (*weight, &part.parameters))
             .collect();
+        let corrections: Vec<_> = parts
+            .iter()
+            .map(|(weight, part)| (*weight, part.correction.as_ref()))
+            .collect();
         PhysicalModel {
             parameters: Parameters::mean(&parameters),
             arm: ArmLength::constant(length_m),
+            correction: Correction::mean(&corrections),
             covariance: Vec::new(),
             fit: None,
         }
@@ -115,6 +125,9 @@ impl PhysicalModel {
                 rate_m_s,
                 shortest_m,
             });
+        }
+        if let Some(correction) = &self.correction {
+            correction.validate()?;
         }
         let sizes = std::iter::once(self.covariance.len()).chain(self.covariance.iter().map(Vec::len));
         for found in sizes {

@@ -1,12 +1,12 @@
 //! Flights simulated with the physical model itself, for tests.
 
 use super::arm::ArmLength;
+use super::model::PhysicalModel;
 use super::parameters::Parameters;
-use super::state::{STATE_LEN, State};
-use super::step::step;
-use super::vector::Vector;
+use super::state::STATE_LEN;
 use crate::DT;
 use crate::flight::{Configuration, Flight, Pose, Sample};
+use crate::trajopt::Dynamics;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal, Uniform};
@@ -38,21 +38,31 @@ pub fn simulate_flight(
     noise: f64,
     seed: u64,
 ) -> (Flight, Vec<[f64; STATE_LEN]>) {
+    let model = PhysicalModel::new(*parameters, ArmLength::constant(length_m)).unwrap();
+    simulate_model(name, &model, commands, noise, seed)
+}
+
+/// The same of a model with all that belongs to it.
+pub fn simulate_model(
+    name: &str,
+    model: &PhysicalModel,
+    commands: &[[f64; 3]],
+    noise: f64,
+    seed: u64,
+) -> (Flight, Vec<[f64; STATE_LEN]>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let normal = Normal::new(0.0, noise).unwrap();
-    let mut state = State::rest(parameters, length_m, [0.0, 0.0, 1.5]);
+    let mut state: [f64; STATE_LEN] = model.rest_state([0.0, 0.0, 1.5]).try_into().unwrap();
     let (mut samples, mut states) = (Vec::new(), Vec::new());
     for (row, &command) in commands.iter().enumerate() {
-        let mut flat = [0.0; STATE_LEN];
-        state.write_flat(&mut flat);
-        states.push(flat);
+        states.push(state);
         let [px, py, pz, qx, qy, qz, tx, ty, tz] =
-            state.outputs().map(|value| value + normal.sample(&mut random));
+            std::array::from_fn(|output| state[output] + normal.sample(&mut random));
         let w = (1.0 - qx * qx - qy * qy - qz * qz).sqrt();
         samples.push(Sample {
             t_s: row as f64 * DT,
             configuration: Configuration {
-                length_m,
+                length_m: model.arm.length_m,
                 pressure_kpa: 0.0,
             },
             command,
@@ -63,12 +73,9 @@ pub fn simulate_flight(
             }),
             end_effector: Some([tx, ty, tz]),
         });
-        state = step(
-            parameters,
-            ArmLength::constant(length_m),
-            &state,
-            &Vector(command),
-        );
+        let mut next = [0.0; STATE_LEN];
+        model.step(row, &state, &command, &mut next);
+        state = next;
     }
     let name = name.to_owned();
     (Flight { name, samples }, states)

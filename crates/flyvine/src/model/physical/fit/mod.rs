@@ -6,6 +6,7 @@
 //! the autopilot held, from one start after another until one explains them; only then whole flights are
 //! simulated, with the priors as they are and everything free.
 
+mod correction;
 mod levenberg_marquardt;
 mod problem;
 mod residual;
@@ -18,6 +19,7 @@ use super::flight_data::FlightData;
 use super::model::{FitSummary, PhysicalModel};
 use super::parameters::{PARAMETER_COUNT, PARAMETERS, Parameters, Part};
 use crate::flight::Flight;
+pub use correction::CorrectionEquations;
 use levenberg_marquardt::{Minimum, minimize};
 use nalgebra::DMatrix;
 use problem::Problem;
@@ -49,6 +51,8 @@ pub struct PhysicalFitOptions {
     /// Where a fit continues from known parameters ([`fit_configurations`]), keep near them: every coordinate has
     /// this many standard deviations of its prior for a radius. Default: no such radius.
     pub trust_radius: Option<f64>,
+    /// Try a small [`super::Correction`] on top ([`crate::model::fit_physical_bank`]). Default: physics alone.
+    pub correction: bool,
 }
 
 impl Default for PhysicalFitOptions {
@@ -63,6 +67,7 @@ impl Default for PhysicalFitOptions {
             starts: Vec::new(),
             weights: BTreeMap::new(),
             trust_radius: None,
+            correction: false,
         }
     }
 }
@@ -238,6 +243,7 @@ fn posterior(
         PhysicalModel {
             parameters: minimum.parameters[number],
             arm: stretches[0].arms[0],
+            correction: None,
             covariance: own.clone().map(row).collect(),
             fit: Some(FitSummary {
                 tool: concat!("flyvine ", env!("CARGO_PKG_VERSION")).into(),

@@ -224,6 +224,7 @@ fn late_and_drifting_streams_are_measured_below_the_sampling_time() {
     let truth = PhysicalModel {
         parameters: vehicle(),
         arm: crate::model::physical::ArmLength::constant(0.8),
+        correction: None,
         covariance: Vec::new(),
         fit: None,
     };
