@@ -106,7 +106,9 @@ class Model:
 
     def autopilot(self, s, setpoint, setpoint_velocity, setpoint_acceleration):
         v = per_axis(self.position_gain_xy, self.position_gain_z, setpoint - s["position"])
-        v = ca.vertcat(v[0], v[1], limit_length(v[2], self.vertical_speed_limit))
+        v = ca.vertcat(
+            limit_length(v[:2], self.horizontal_speed_limit), limit_length(v[2], self.vertical_speed_limit)
+        )
         error = v + setpoint_velocity * self.velocity_feedforward - s["velocity"]
         acceleration = (s["velocity"] - s["filtered_velocity"]) / self.derivative_time_constant
         wanted = (

@@ -2,11 +2,13 @@
 
 #![allow(clippy::print_stdout)] // what was measured
 
-use flyvine::flight::{Configuration, Flight, HygieneOptions, Sample, clean};
-use flyvine::link::{Observation, Vehicle};
+mod common;
+
+use common::recorded;
+use flyvine::flight::{Configuration, Flight};
 use flyvine::model::physical::PhysicalFitOptions;
 use flyvine::model::{Bank, FitOptions, WindowKind, bank_between, check, fit_bank, fit_physical_bank};
-use flyvine::sim::{SimulatedVehicle, VehicleParameters};
+use flyvine::sim::VehicleParameters;
 use flyvine::task::{test_flight, training_flights};
 
 const CONFIGURATION: Configuration = Configuration {
@@ -21,29 +23,13 @@ const BETWEEN_KG: f64 = 0.05;
 fn fly(name: &str, commands: &[[f64; 3]], payload_kg: f64, seed: u64) -> Flight {
     let mut parameters = VehicleParameters::default();
     parameters.payload.tip_mass_kg = payload_kg;
-    let mut vehicle = SimulatedVehicle::new(parameters).unwrap();
-    let mut seen = vehicle.reset(CONFIGURATION, seed).unwrap();
-    let mut samples = Vec::with_capacity(commands.len());
-    for &command in commands {
-        let Observation {
-            t_s,
-            quadrotor,
-            end_effector,
-        } = seen;
-        samples.push(Sample {
-            t_s,
-            configuration: CONFIGURATION,
-            command,
-            command_velocity: None,
-            quadrotor,
-            end_effector,
-        });
-        seen = vehicle.step(command.into(), CONFIGURATION).unwrap();
-    }
-    let name = format!("{name} {payload_kg} kg");
-    let mut flight = Flight { name, samples };
-    clean(&mut flight, &HygieneOptions::default());
-    flight
+    recorded(
+        &format!("{name} {payload_kg} kg"),
+        commands,
+        parameters,
+        CONFIGURATION,
+        seed,
+    )
 }
 
 fn training(payload_kg: f64) -> Vec<Flight> {

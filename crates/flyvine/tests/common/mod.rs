@@ -2,10 +2,11 @@
 
 #![allow(dead_code, clippy::print_stderr)] // no test binary uses all of it; why a test was skipped
 
-use flyvine::flight::Configuration;
-use flyvine::flight::{Flight, HygieneOptions, clean, read_flight};
+use flyvine::flight::{Configuration, Flight, HygieneOptions, Sample, clean, read_flight};
+use flyvine::link::{Observation, Vehicle};
 use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
 use flyvine::model::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics};
+use flyvine::sim::{SimulatedVehicle, VehicleParameters};
 use flyvine::task::Task;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,39 @@ pub fn prior_bank_of(lengths_m: &[f64]) -> Bank {
         }
     };
     Bank::new(lengths_m.iter().map(model).collect(), BankProvenance::default()).unwrap()
+}
+
+/// The cleaned recording of `commands`, flown on the built-in vehicle from its hover.
+pub fn recorded(
+    name: &str,
+    commands: &[[f64; 3]],
+    parameters: VehicleParameters,
+    configuration: Configuration,
+    seed: u64,
+) -> Flight {
+    let mut vehicle = SimulatedVehicle::new(parameters).unwrap();
+    let mut seen = vehicle.reset(configuration, seed).unwrap();
+    let mut samples = Vec::with_capacity(commands.len());
+    for &command in commands {
+        let Observation {
+            t_s,
+            quadrotor,
+            end_effector,
+        } = seen;
+        samples.push(Sample {
+            t_s,
+            configuration,
+            command,
+            command_velocity: None,
+            quadrotor,
+            end_effector,
+        });
+        seen = vehicle.step(command.into(), configuration).unwrap();
+    }
+    let name = name.to_owned();
+    let mut flight = Flight { name, samples };
+    clean(&mut flight, &HygieneOptions::default());
+    flight
 }
 
 /// A shipped task.

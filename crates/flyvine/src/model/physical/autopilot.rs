@@ -53,13 +53,14 @@ pub fn autopilot<S: Scalar>(
         Vector([x * horizontal, y * horizontal, z * vertical])
     };
 
-    // Position loop and feed-forward: v_sp = K (u − p) + f u̇, with limited vertical speed.
+    // Position loop and feed-forward: v_sp = K (u − p) + f u̇, with limited speeds.
     let [vx, vy, vz] = per_axis(
         p.position_gain_xy,
         p.position_gain_z,
         &(setpoint.position - state.position),
     )
     .0;
+    let [vx, vy] = limit_length([vx, vy], p.horizontal_speed_limit);
     let [vz] = limit_length([vz], p.vertical_speed_limit);
     let velocity_error = Vector([vx, vy, vz]) + setpoint.velocity * p.velocity_feedforward - state.velocity;
 

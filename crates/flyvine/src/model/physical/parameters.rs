@@ -90,6 +90,7 @@ parameters! {
     Vehicle derivative_gain_xy: "1", 0.2 in 0.002..3.0, Log 1.0, "horizontal acceleration taken back per measured acceleration";
     Vehicle derivative_gain_z: "1", 0.02 in 0.001..3.0, Log 1.0, "vertical acceleration taken back per measured acceleration";
     Vehicle derivative_time_constant: "s", 0.03 in 0.001..0.3, Log 0.5, "low-pass of the velocity derivative";
+    Vehicle horizontal_speed_limit: "m/s", 12.0 in 0.3..30.0, Log 1.0, "largest commanded horizontal velocity";
     Vehicle vertical_speed_limit: "m/s", 2.0 in 0.5..5.0, Log 0.5, "largest commanded vertical velocity";
     Vehicle tilt_limit: "rad", 0.785 in 0.3..1.2, Log 0.3, "largest commanded tilt";
     Vehicle thrust_maximum: "m/s^2", 30.0 in 16.0..60.0, Log 0.2, "largest collective thrust per quadrotor mass";

@@ -366,11 +366,22 @@ fn held<'a>(options: &PhysicalFitOptions, limits: &[&'a str]) -> Vec<&'a str> {
         .collect()
 }
 
-/// The defaults, then arms and autopilots a good deal softer or stiffer.
+/// The defaults, then arms and autopilots a good deal softer or stiffer, then autopilots that limit the horizontal speed to
+/// what flights in a room reach: far below it the limit is not felt, so a fit does not find it by itself.
 fn built_in_starts() -> impl Iterator<Item = Parameters<f64>> {
-    const VARIATIONS: [(f64, f64); 5] = [(1.0, 1.0), (0.2, 1.0), (5.0, 1.0), (1.0, 0.6), (1.0, 1.6)];
-    VARIATIONS.into_iter().map(|(stiffness, gain)| {
+    const UNLIMITED: f64 = 12.0;
+    const VARIATIONS: [(f64, f64, f64); 7] = [
+        (1.0, 1.0, UNLIMITED),
+        (0.2, 1.0, UNLIMITED),
+        (5.0, 1.0, UNLIMITED),
+        (1.0, 0.6, UNLIMITED),
+        (1.0, 1.6, UNLIMITED),
+        (1.0, 1.0, 1.5),
+        (1.0, 1.6, 1.5),
+    ];
+    VARIATIONS.into_iter().map(|(stiffness, gain, speed)| {
         let mut start = Parameters::defaults();
+        start.horizontal_speed_limit = speed;
         start.base_stiffness *= stiffness;
         start.joint_stiffness *= stiffness;
         start.position_gain_xy *= gain;

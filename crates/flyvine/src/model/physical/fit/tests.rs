@@ -64,6 +64,7 @@ fn gradient_of_the_objective_agrees_with_finite_differences() {
         command_delay: 0.023, // away from the kinks at whole substeps
         velocity_feedforward: 0.05,
         acceleration_feedforward: 0.03,
+        horizontal_speed_limit: 0.9,
         ..Parameters::defaults()
     };
     let other = Parameters {
@@ -135,6 +136,28 @@ fn a_synthetic_vehicle_is_recovered() {
         crate::trajopt::Dynamics::step(&model, row, &state, &stretch.commands[row], &mut next);
         state = next;
     }
+}
+
+#[test]
+fn a_limit_on_the_horizontal_speed_is_found() {
+    let limited = Parameters {
+        horizontal_speed_limit: 0.7,
+        ..vehicle()
+    };
+    let flight = |seed: u64| {
+        let commands = random_commands(260, seed);
+        simulate_flight(&format!("flight {seed}"), &limited, 0.8, &commands, 5e-4, seed).0
+    };
+    let model = fit_physical(
+        &[flight(1), flight(2)],
+        &PhysicalFitOptions::default(),
+        &mut |_| {},
+    )
+    .unwrap();
+    let found = model.parameters.horizontal_speed_limit;
+    assert!((found / 0.7 - 1.0).abs() < 0.03, "{found} m/s");
+    let error_m = model.fit.unwrap().tip_error_m;
+    assert!(error_m < 4e-3, "{error_m} m");
 }
 
 #[test]
