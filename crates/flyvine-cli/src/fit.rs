@@ -88,7 +88,7 @@ pub struct FitArguments {
     refinement: RefinementChoice,
     /// Try a small linear correction of the velocities on top of physical models, fitted to what physics leaves over, and
     /// keep it if it predicts held-out flights better.
-    #[arg(long, conflicts_with_all = ["stream", "shard", "merge"])]
+    #[arg(long, conflicts_with_all = ["stream", "shard", "merge", "ensemble"])]
     correction: bool,
     /// Read the recordings one after the other, in memory that does not depend on their number: least squares of the
     /// lag family, ridges and velocity input as given (auto means none), no refinement.
