@@ -9,12 +9,15 @@
 
 #![allow(clippy::print_stdout)] // a program
 
+#[path = "../tests/common/mod.rs"]
+mod common;
+
+use common::recorded;
 use flyvine::DT;
-use flyvine::flight::{Configuration, Flight, HygieneOptions, Sample, clean};
-use flyvine::link::{Observation, Vehicle};
+use flyvine::flight::{Configuration, Flight};
 use flyvine::model::physical::{PhysicalFitOptions, Room, design_flight};
 use flyvine::model::{Bank, Model, WindowKind, check, fit_physical_bank, refit_physical_bank};
-use flyvine::sim::{SimulatedVehicle, VehicleParameters};
+use flyvine::sim::VehicleParameters;
 use flyvine::task::{test_flight, training_flights};
 
 /// Duration of every training flight, s.
@@ -40,9 +43,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             } else {
                 &mut hand_made
             };
-            group.push(fly(training.name, &training.commands, seed)?);
+            group.push(fly(training.name, &training.commands, seed));
         }
-        let judge = [fly("judge", &test_flight(seed + 100).commands, seed + 100)?];
+        let judge = [fly("judge", &test_flight(seed + 100).commands, seed + 100)];
         let options = PhysicalFitOptions::default();
         let (bank, _) = fit_physical_bank(&calm, &options, &mut |_, _| {})?;
         print_errors(seed, "none", &bank, &judge)?;
@@ -50,7 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             return Err("expected a physical model".into());
         };
         let commands = design_flight(model, DURATION_S, Room::default(), CANDIDATES, seed)?;
-        let designed = fly("designed", &commands, seed)?;
+        let designed = fly("designed", &commands, seed);
         for more in [designed].into_iter().chain(hand_made) {
             let name = more.name.clone();
             let flights = [calm.clone(), vec![more]].concat();
@@ -62,31 +65,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// Flies the commands of the first [`DURATION_S`].
-fn fly(name: &str, commands: &[[f64; 3]], seed: u64) -> Result<Flight, Box<dyn std::error::Error>> {
-    let mut vehicle = SimulatedVehicle::new(VehicleParameters::default())?;
-    let mut seen = vehicle.reset(CONFIGURATION, seed)?;
+fn fly(name: &str, commands: &[[f64; 3]], seed: u64) -> Flight {
     let rows = commands.len().min((DURATION_S / DT) as usize);
-    let mut samples = Vec::with_capacity(rows);
-    for &command in &commands[..rows] {
-        let Observation {
-            t_s,
-            quadrotor,
-            end_effector,
-        } = seen;
-        samples.push(Sample {
-            t_s,
-            configuration: CONFIGURATION,
-            command,
-            command_velocity: None,
-            quadrotor,
-            end_effector,
-        });
-        seen = vehicle.step(command.into(), CONFIGURATION)?;
-    }
-    let name = name.to_owned();
-    let mut flight = Flight { name, samples };
-    clean(&mut flight, &HygieneOptions::default());
-    Ok(flight)
+    recorded(
+        name,
+        &commands[..rows],
+        VehicleParameters::default(),
+        CONFIGURATION,
+        seed,
+    )
 }
 
 fn print_errors(

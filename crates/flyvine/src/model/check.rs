@@ -132,6 +132,20 @@ pub(crate) fn predict<'a>(bank: &Bank, flight: &'a Flight) -> Result<Prediction<
     })
 }
 
+/// The windows of every flight, per horizon in `horizons` (steps, ascending).
+///
+/// # Errors
+/// As [`predict`].
+pub(crate) fn windows<'a>(
+    bank: &Bank,
+    flights: impl ParallelIterator<Item = &'a Flight>,
+    horizons: &[usize],
+) -> Result<Vec<Vec<Vec<WindowError>>>, ModelError> {
+    flights
+        .map(|flight| Ok(predict(bank, flight)?.windows(horizons)))
+        .collect()
+}
+
 /// A flight and its windows, per horizon.
 struct Predicted<'a> {
     prediction: Prediction<'a>,

@@ -1,12 +1,12 @@
 //! A small correction on top of the physical family, kept only if it predicts held-out flights better.
 
 use super::bank::{Bank, BankModel};
-use super::check::predict;
+use super::check;
 use super::error::ModelError;
 use super::family::Model;
 use super::groups::Groups;
 use super::physical::{CorrectionEquations, PhysicalFitOptions};
-use super::selection::{HORIZONS, HeldOutError, WORTHWHILE, pool};
+use super::selection::{HORIZONS, HeldOutError, WORTHWHILE, mean_m, pool};
 use crate::flight::Flight;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -27,8 +27,7 @@ pub struct HeldOutErrors {
 impl HeldOutErrors {
     /// What is minimized, m: the mean of both.
     pub fn mean_m(&self) -> f64 {
-        let interior = self.interior.unwrap_or(self.corners);
-        0.5 * (self.corners.mean_m + interior.mean_m)
+        mean_m(Some(self.corners), self.interior).unwrap_or(self.corners.mean_m)
     }
 }
 
@@ -138,11 +137,11 @@ impl<'a> Candidates<'a> {
     /// `None` if no flight can be held out.
     fn errors(&self, deviation_m_s: Option<f64>) -> Result<Option<HeldOutErrors>, ModelError> {
         let windows = |bank: &Bank, members: &[usize]| {
-            let predicted = |&member: &usize| Ok(predict(bank, &self.flights[member])?.windows(&HORIZONS));
-            members
-                .par_iter()
-                .map(predicted)
-                .collect::<Result<Vec<_>, ModelError>>()
+            check::windows(
+                bank,
+                members.par_iter().map(|&member| &self.flights[member]),
+                &HORIZONS,
+            )
         };
         let corners = &self.groups.corners;
         let folds = corners
@@ -169,7 +168,6 @@ impl<'a> Candidates<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check;
     use super::super::physical::synthetic::{random_commands, simulate_model};
     use super::super::physical::{ArmLength, Correction, Parameters, PhysicalModel};
     use super::super::physical_bank::fit_physical_bank;

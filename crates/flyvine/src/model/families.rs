@@ -7,7 +7,7 @@
 
 use super::band::PredictionBand;
 use super::bank::Bank;
-use super::check::{self, predict};
+use super::check;
 use super::error::ModelError;
 use super::findings::STRAY_SHARE;
 use super::fit::{FitReport, fit_bank};
@@ -16,7 +16,7 @@ use super::options::FitOptions;
 use super::physical::{FitProgress, PhysicalFitOptions};
 use super::physical_bank::{PhysicalFitReport, fit_physical_bank, refit_physical_bank};
 use super::rollout::WindowError;
-use super::selection::{self, HeldOutError, pool};
+use super::selection::{self, HeldOutError, mean_m, pool};
 use crate::flight::{Configuration, Flight};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -121,12 +121,7 @@ impl Chosen {
 impl FamilyTrial {
     /// What is minimized, m: the mean of both errors.
     pub fn score_m(&self) -> Option<f64> {
-        let errors: Vec<f64> = [self.corners, self.interior]
-            .iter()
-            .flatten()
-            .map(|error| error.mean_m)
-            .collect();
-        (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+        mean_m(self.corners, self.interior)
     }
 }
 
@@ -306,12 +301,7 @@ struct Judged {
 }
 
 fn judge(bank: &Bank, held_out: &[Flight], interior: &[Flight]) -> Result<Judged, ModelError> {
-    let windows = |flights: &[Flight]| {
-        flights
-            .par_iter()
-            .map(|flight| Ok(predict(bank, flight)?.windows(&check::HORIZONS)))
-            .collect::<Result<Vec<Vec<Vec<WindowError>>>, ModelError>>()
-    };
+    let windows = |flights: &[Flight]| check::windows(bank, flights.par_iter(), &check::HORIZONS);
     let (held_out_windows, interior_windows) = (windows(held_out)?, windows(interior)?);
     let mut all = vec![Vec::new(); check::HORIZONS.len()];
     for own in held_out_windows.iter().chain(&interior_windows) {
@@ -422,7 +412,7 @@ mod tests {
             .map(|trial| trial.score_m().unwrap())
             .collect();
         assert!(scores[1] < scores[0]);
-        let checked = check::check(&bank, &flights[3..]).unwrap();
+        let checked = check(&bank, &flights[3..]).unwrap();
         let within = checked.pooled[0].error.within_band.unwrap();
         assert!(within > 0.8, "{within} at 0.5 s");
     }

@@ -55,6 +55,16 @@ pub struct HeldOutError {
     pub diverged_share: f64,
 }
 
+/// The mean of the errors at corners and between them, m; of one, if only that was measured.
+pub(crate) fn mean_m(corners: Option<HeldOutError>, interior: Option<HeldOutError>) -> Option<f64> {
+    let errors: Vec<f64> = [corners, interior]
+        .iter()
+        .flatten()
+        .map(|error| error.mean_m)
+        .collect();
+    (!errors.is_empty()).then(|| errors.iter().sum::<f64>() / errors.len() as f64)
+}
+
 impl std::fmt::Display for HeldOutError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(
@@ -70,12 +80,7 @@ impl std::fmt::Display for HeldOutError {
 impl Candidate {
     /// What is minimized, m: the mean of both errors; 0 if neither could be measured.
     pub fn score_m(&self) -> f64 {
-        let errors: Vec<f64> = [self.corners, self.interior]
-            .iter()
-            .flatten()
-            .map(|error| error.mean_m)
-            .collect();
-        errors.iter().sum::<f64>() / errors.len().max(1) as f64
+        mean_m(self.corners, self.interior).unwrap_or(0.0)
     }
 
     /// Whether this is better than a simpler candidate by so much that it is to be preferred.
