@@ -2,12 +2,10 @@
 
 mod common;
 
-use flyvine::DT;
 use flyvine::control::estimator::EstimatorError;
 use flyvine::control::mpc::{LinearizedPlan, ModelPredictive, MpcOptions, TrackingWeights};
 use flyvine::control::supervisor::Limits;
 use flyvine::control::{Controller, Proposal, Tick, Tracking, Trajectory};
-use flyvine::flight::Pose;
 use flyvine::link::Observation;
 use flyvine::model::ScheduledModel;
 use flyvine::task::{Plan, PlanOptions, make_plan};
@@ -18,18 +16,12 @@ fn plan() -> Plan {
     make_plan(&task, &common::prior_bank(), &PlanOptions::default()).unwrap()
 }
 
-/// What motion capture sees of the state z.
+/// What motion capture sees of the state z: not every frame has the tip.
 fn observe(knot: usize, z: &[f64]) -> Observation {
-    let vector = [z[3], z[4], z[5]];
-    let scalar = (1.0 - vector.iter().map(|v| v * v).sum::<f64>()).sqrt();
+    let seen = common::observed(knot, z);
     Observation {
-        t_s: knot as f64 * DT,
-        quadrotor: Some(Pose {
-            position: [z[0], z[1], z[2]],
-            attitude: [scalar, vector[0], vector[1], vector[2]],
-        }),
-        // Not every frame has the tip.
-        end_effector: (!(40..44).contains(&knot)).then_some([z[6], z[7], z[8]]),
+        end_effector: seen.end_effector.filter(|_| !(40..44).contains(&knot)),
+        ..seen
     }
 }
 

@@ -16,6 +16,10 @@ use std::time::Duration;
 const ITERATIONS_MAX: usize = 40;
 /// Violation up to which a new answer is flown even if the solver would like to go on, m.
 const VIOLATION_ACCEPTED_M: f64 = 0.01;
+/// By how much bounds on positions are narrowed, m: an answer that may violate them a little, and flies a little otherwise
+/// than foreseen, still keeps the task's own. Half as much again as is accepted, since a gust moves a vehicle by millimetres
+/// before the next answer acts.
+const MARGIN_M: f64 = 1.5 * VIOLATION_ACCEPTED_M;
 const VIOLATION_TOLERANCE_M: f64 = 1e-4;
 const STATIONARITY_TOLERANCE: f64 = 1e-3;
 
@@ -58,9 +62,10 @@ impl<'a> Replanning<'a> {
     pub fn new(
         trajectory: &'a Trajectory,
         model: &'a ScheduledModel,
-        problem: Problem,
+        mut problem: Problem,
     ) -> Result<Self, ReplanningError> {
         problem.validate(model)?;
+        problem.state_bounds.iter_mut().for_each(narrow);
         let noise = *model.noise();
         let estimator = Estimator::new(model, &noise, trajectory.state(0), trajectory.start().0)?;
         let steps = trajectory.knots() - 1;
@@ -178,6 +183,15 @@ impl<'a> Replanning<'a> {
             surroundings: self.estimator.surroundings(),
         });
         true
+    }
+}
+
+/// Narrows a bound on a position by [`MARGIN_M`], if it is wide enough for that.
+fn narrow(bound: &mut StateBound) {
+    let is_position = matches!(bound.index, 0..3 | 6..9); // the quadrotor's, the end effector's
+    if is_position && bound.upper - bound.lower > 4.0 * MARGIN_M {
+        bound.lower += MARGIN_M;
+        bound.upper -= MARGIN_M;
     }
 }
 

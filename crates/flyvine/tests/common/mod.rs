@@ -2,7 +2,8 @@
 
 #![allow(dead_code, clippy::print_stderr)] // no test binary uses all of it; why a test was skipped
 
-use flyvine::flight::{Configuration, Flight, HygieneOptions, Sample, clean, read_flight};
+use flyvine::DT;
+use flyvine::flight::{Configuration, Flight, HygieneOptions, Pose, Sample, clean, read_flight};
 use flyvine::link::{Observation, Vehicle};
 use flyvine::model::physical::{ArmLength, Parameters, PhysicalModel};
 use flyvine::model::{Bank, BankModel, BankProvenance, Model, ModelDiagnostics};
@@ -62,6 +63,20 @@ pub fn recorded(
     let mut flight = Flight { name, samples };
     clean(&mut flight, &HygieneOptions::default());
     flight
+}
+
+/// What motion capture sees of a model's state `z` at `knot`.
+pub fn observed(knot: usize, z: &[f64]) -> Observation {
+    let vector = [z[3], z[4], z[5]];
+    let scalar = (1.0 - vector.iter().map(|v| v * v).sum::<f64>()).sqrt();
+    Observation {
+        t_s: knot as f64 * DT,
+        quadrotor: Some(Pose {
+            position: [z[0], z[1], z[2]],
+            attitude: [scalar, vector[0], vector[1], vector[2]],
+        }),
+        end_effector: Some([z[6], z[7], z[8]]),
+    }
 }
 
 /// A shipped task.
