@@ -13,7 +13,7 @@ use super::selection::Candidate;
 use super::support::Support;
 use crate::flight::Configuration;
 use crate::link::Feedforward;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 
 /// Lengths closer than this are the same, m.
@@ -41,14 +41,22 @@ pub struct ModelDiagnostics {
     pub rows: usize,
     /// Coefficients of the largest row.
     pub coefficients: usize,
-    /// Condition number of that row's equilibrated regressors (1 is best).
+    /// Condition number of that row's equilibrated regressors (1 is best); infinite, `null` in a file, if they depend on each
+    /// other, so that only a ridge told them apart.
+    #[serde(deserialize_with = "null_is_infinite")]
     pub condition_number: f64,
     /// The same for the linear rows.
+    #[serde(deserialize_with = "null_is_infinite")]
     pub linear_condition_number: f64,
     /// Spectral radius of the Jacobian at rest.
     pub spectral_radius: f64,
     /// Root-mean-square residual of the fit per signal, m (positions) or 1 (attitude).
     pub residual_rms: BTreeMap<String, f64>,
+}
+
+/// JSON knows no infinity.
+fn null_is_infinite<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
 }
 
 /// A model and where in the bank it sits.

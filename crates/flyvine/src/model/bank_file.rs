@@ -174,6 +174,7 @@ mod tests {
             model: Model::Lag(random_model(3, CommandInputs::Position, &[HEIGHT_ROW], 1)),
             diagnostics: ModelDiagnostics {
                 rows: 7,
+                condition_number: f64::INFINITY, // columns that depend on each other
                 ..ModelDiagnostics::default()
             },
         };
