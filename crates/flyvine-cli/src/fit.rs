@@ -220,6 +220,11 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     };
     say(&format!("fitting {} flights …", flights.len()));
     let (bank, report) = fit_progress::fit(&flights, &options)?;
+    if arguments.correction
+        && matches!(&report.chosen, Chosen::Physical(physical) if physical.correction.is_none())
+    {
+        say("warning: --correction: too few flights to hold any out, which would tell whether it helps: none was tried");
+    }
     let bank = bank.with_inputs(inputs(arguments)?);
     let noise = fit_progress::identify(&bank, &flights)?;
     let levels = noise.as_ref().map(|noise| noise.levels);

@@ -256,6 +256,13 @@ impl Bank {
         bank
     }
 
+    /// Whether something corrects physics in any of the models ([`super::physical::Correction`]).
+    pub fn is_corrected(&self) -> bool {
+        let corrected =
+            |own: &BankModel| matches!(&own.model, Model::Physical(model) if model.correction.is_some());
+        self.models.iter().any(corrected)
+    }
+
     /// What the bank's flights were sent beside positions.
     pub fn feedforward(&self) -> Feedforward {
         let knows_velocities = |model: &BankModel| match &model.model {

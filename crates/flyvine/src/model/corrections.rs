@@ -170,7 +170,7 @@ impl<'a> Candidates<'a> {
 mod tests {
     use super::super::physical::synthetic::{random_commands, simulate_model};
     use super::super::physical::{ArmLength, Correction, Parameters, PhysicalModel};
-    use super::super::physical_bank::fit_physical_bank;
+    use super::super::physical_bank::{fit_physical_bank, refit_physical_bank};
     use super::*;
 
     /// A vehicle whose tip a force pushes sideways, across its swing, if it is `swirled`: physics has no such thing.
@@ -182,7 +182,7 @@ mod tests {
         }
     }
 
-    fn fitted(swirled: bool) -> (Bank, CorrectionTrial) {
+    fn fitted(swirled: bool) -> (Bank, CorrectionTrial, Vec<Flight>) {
         let flight = |seed: u64| {
             let commands = random_commands(240, seed);
             simulate_model(
@@ -201,12 +201,14 @@ mod tests {
             ..PhysicalFitOptions::default()
         };
         let (bank, report) = fit_physical_bank(&flights, &options, &mut |_, _| {}).unwrap();
-        (bank, report.correction.expect("flights that can be held out"))
+        let trial = report.correction.expect("flights that can be held out");
+        (bank, trial, flights)
     }
 
     #[test]
     fn a_force_that_physics_lacks_is_corrected() {
-        let (bank, trial) = fitted(true);
+        let (bank, trial, flights) = fitted(true);
+        assert!(bank.is_corrected());
         assert!(trial.corrected.mean_m() < 0.5 * trial.plain.mean_m(), "{trial:?}");
         let plain = bank.map_physical(|_, model| model.correction = None);
         let commands = random_commands(240, 9);
@@ -223,12 +225,18 @@ mod tests {
             serde_json::from_str::<Bank>(&text).unwrap() == bank,
             "a file keeps it"
         );
+        let options = PhysicalFitOptions {
+            max_iterations: 1,
+            ..PhysicalFitOptions::default()
+        };
+        let (again, _) = refit_physical_bank(&bank, &flights, &options, &mut |_, _| {}).unwrap();
+        assert!(again.is_corrected(), "a refit tries it again");
     }
 
     #[test]
     fn physics_that_explains_the_flights_is_left_alone() {
-        let (bank, trial) = fitted(false);
+        let (bank, trial, _) = fitted(false);
         assert!(!trial.worthwhile(), "{trial:?}");
-        assert!(bank.map_physical(|_, model| model.correction = None) == bank);
+        assert!(!bank.is_corrected());
     }
 }

@@ -83,7 +83,8 @@ pub fn fit_physical_bank(
     join(flights, &groups, fits, options)
 }
 
-/// Fits the physical family again, beginning with the models of `bank`: on more flights, or others.
+/// Fits the physical family again, beginning with the models of `bank`: on more flights, or others. Where the bank's models
+/// are corrected, a correction is tried again.
 ///
 /// # Errors
 /// As [`fit_physical_bank`]; `bank` is of another family, or does not cover the flights.
@@ -108,6 +109,10 @@ pub fn refit_physical_bank(
         .iter()
         .map(start)
         .collect::<Result<Vec<_>, ModelError>>()?;
+    let options = &PhysicalFitOptions {
+        correction: options.correction || bank.is_corrected(),
+        ..options.clone()
+    };
     let fits = together(flights, &groups, &starts, options, progress)?;
     join(flights, &groups, fits, options)
 }

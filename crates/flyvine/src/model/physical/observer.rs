@@ -85,6 +85,12 @@ impl Observer {
         }
     }
 
+    /// A model that does not describe the vehicle may send an estimate beyond all numbers.
+    fn is_finite(&self) -> bool {
+        self.state.iter().all(|entry| entry.is_finite())
+            && self.covariance.iter().all(|entry| entry.is_finite())
+    }
+
     /// Takes in what was seen.
     pub fn correct(&mut self, observed: &Observed) {
         let seen: Vec<usize> = (0..OUTPUT_LEN)
@@ -112,7 +118,7 @@ impl Observer {
             innovation_covariance[(i, i)] += noise(seen[i]);
         }
         let Some(factor) = innovation_covariance.cholesky() else {
-            return; // only if the covariance is no longer finite; then the estimate already says so
+            return; // only if the covariance is no longer finite
         };
         // Kᵀ = S⁻¹ C P
         let cross = DMatrix::from_fn(rows, STATE_LEN, |i, j| self.covariance[(seen[i], j)]);
@@ -141,7 +147,8 @@ impl Observer {
 }
 
 /// The estimated flat state at every row of `data` from row `first` on. From the third on, each is made of this
-/// and earlier rows only (the first guess looks two rows ahead).
+/// and earlier rows only (the first guess looks two rows ahead). Where an estimate leaves the finite numbers, the next row
+/// with both poses begins anew.
 ///
 /// `dynamics` counts the flight's rows as knots; `parameters` are those at row `first`.
 ///
@@ -164,6 +171,9 @@ pub fn observe(
     let mut estimates = vec![*observer.state()];
     for row in first + 1..data.rows() {
         observer.predict(dynamics, data.first_row + row - 1, &data.commands[row - 1]);
+        if !observer.is_finite() && data.observed[row].complete() {
+            observer = Observer::new(&data.start(row, parameters));
+        }
         observer.correct(&data.observed[row]);
         estimates.push(*observer.state());
     }
@@ -226,6 +236,52 @@ mod tests {
         assert!(worst(&truth[row], &estimates[row], 0..9) < 0.03);
         let last = truth.len() - 1;
         assert!(worst(&truth[last], &estimates[last], 0..9) < 2e-3);
+    }
+
+    /// A model that loses the vehicle at one knot.
+    struct Lost<'a>(&'a PhysicalModel);
+
+    impl Dynamics for Lost<'_> {
+        fn state_len(&self) -> usize {
+            self.0.state_len()
+        }
+
+        fn command_len(&self) -> usize {
+            self.0.command_len()
+        }
+
+        fn fresh_len(&self) -> usize {
+            self.0.fresh_len()
+        }
+
+        fn step(&self, knot: usize, state: &[f64], command: &[f64], fresh: &mut [f64]) {
+            self.0.step(knot, state, command, fresh);
+        }
+
+        fn linearize(&self, knot: usize, z: &[f64], u: &[f64], fresh: &mut [f64], jacobian: &mut [f64]) {
+            self.0.linearize(knot, z, u, fresh, jacobian);
+            if knot == 100 {
+                fresh.fill(f64::NAN);
+            }
+        }
+    }
+
+    #[test]
+    fn an_estimate_beyond_all_numbers_begins_anew() {
+        let parameters = Parameters::defaults();
+        let model = PhysicalModel::new(parameters, ArmLength::constant(0.8)).unwrap();
+        let (mut flight, truth) =
+            simulate_flight("synthetic", &parameters, 0.8, &random_commands(200, 3), 3e-4, 4);
+        flight.samples[101].end_effector = None;
+        let data = FlightData::stretches(&flight).unwrap().remove(0);
+        let estimates = observe(&Lost(&model), &parameters, &data, 0).unwrap();
+        assert!(
+            estimates[101].iter().any(|entry| entry.is_nan()),
+            "no pose to begin with"
+        );
+        for row in (0..200).filter(|&row| row != 101) {
+            assert!(worst(&truth[row], &estimates[row], 0..9) < 5e-3, "row {row}");
+        }
     }
 
     #[test]
