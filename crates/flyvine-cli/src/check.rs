@@ -192,7 +192,7 @@ pub fn band_line(band: &PredictionBand) -> String {
         .iter()
         .zip(&band.radii_m)
         .map(|(horizon, radius)| {
-            let leaning = band.radius_m(*horizon, std::f64::consts::FRAC_PI_6);
+            let leaning = band.radius_m(*horizon, std::f64::consts::FRAC_PI_6, 1.0);
             format!(
                 "{} to {} cm at {horizon} s",
                 centimetres(*radius),
@@ -201,7 +201,8 @@ pub fn band_line(band: &PredictionBand) -> String {
         })
         .collect();
     format!(
-        "{:.0} % of held-out predictions were within {} (arm straight down, to leaning 30°)",
+        "{:.0} % of held-out predictions were within {} (arm straight down, to leaning 30°; midway between two configurations \
+         twice that)",
         100.0 * band.confidence,
         radii.join(", ")
     )

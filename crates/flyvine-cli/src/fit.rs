@@ -223,7 +223,9 @@ pub fn run(arguments: &FitArguments) -> CommandResult {
     if arguments.correction
         && matches!(&report.chosen, Chosen::Physical(physical) if physical.correction.is_none())
     {
-        say("warning: --correction: too few flights to hold any out, which would tell whether it helps: none was tried");
+        say(
+            "warning: --correction: too few flights to hold any out, which would tell whether it helps: none was tried",
+        );
     }
     let bank = bank.with_inputs(inputs(arguments)?);
     let noise = fit_progress::identify(&bank, &flights)?;

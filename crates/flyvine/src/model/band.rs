@@ -1,17 +1,21 @@
 //! How far the end effector may be from a prediction: bands of confidence by split-conformal prediction.
 //!
 //! Models fitted on part of the flights predict the others. Wild motions are predicted worse than calm ones, so the
-//! distance d at horizon h is compared with a spread that grows with how far the predicted arm leans at most,
+//! distance d at horizon h is compared with a spread that grows with how far the predicted arm leans at most, and with how
+//! many models the prediction is made of ([`super::Bank::models_at`]), for between the bank's configurations none was fitted,
+//! and often none was judged,
 //!
 //! ```text
-//! σ(θ) = 1 + g θ,   radius(θ) = q σ(θ)
+//! σ(θ, n) = (1 + g θ) n,   radius(θ, n) = q σ(θ, n)
 //! ```
 //!
 //! at every horizon with g and q of its own; q is the quotient d / σ that all but a share α of the held-out windows keep
 //! within ("locally weighted" conformal prediction: Lei et al. 2018, "Distribution-free predictive inference for
 //! regression", Sec. 5.2): with n windows the ⌈(n + 1)(1 − α)⌉-th smallest. Of several g the one is taken whose bands are
 //! narrowest, by the mean logarithm of their radii. The guarantee is for flights like the held-out ones, all windows
-//! together; what leans farther than any of them is an extrapolation.
+//! together; what leans farther than any of them is an extrapolation. That n enters as it is was found on the reference
+//! vehicle: of flights between its four corners, which alone had judged the bands, 50 to 100 % of the windows were inside
+//! without it, 85 to 100 % with √n, 93 to 100 % with n.
 
 use super::error::{ModelError, require_finite};
 use super::rollout::WindowError;
@@ -33,7 +37,7 @@ pub struct PredictionBand {
     pub confidence: f64,
     /// Horizons, s, ascending.
     pub horizons_s: Vec<f64>,
-    /// Radius at every horizon while the arm hangs straight down, m.
+    /// Radius at every horizon while the arm hangs straight down, at a model's own configuration, m.
     pub radii_m: Vec<f64>,
     /// By how much of that the radius at every horizon grows per radian that the arm leans, 1/rad; if there is one number,
     /// it is that of all horizons, as in banks of earlier versions.
@@ -69,11 +73,11 @@ impl PredictionBand {
         })
     }
 
-    /// The radius `t_s` after the prediction began, m, where the predicted arm has leant `arm_angle` (rad) at most:
-    /// linear between the horizons, and kept before the first and after the last.
-    pub fn radius_m(&self, t_s: f64, arm_angle: f64) -> f64 {
+    /// The radius `t_s` after the prediction began, m, where the predicted arm has leant `arm_angle` (rad) at most and the
+    /// prediction is made of so many `models`: linear between the horizons, and kept before the first and after the last.
+    pub fn radius_m(&self, t_s: f64, arm_angle: f64, models: f64) -> f64 {
         let times = &self.horizons_s;
-        let radius = |horizon: usize| self.radii_m[horizon] * spread(self.growth(horizon), arm_angle);
+        let radius = |horizon: usize| self.radii_m[horizon] * spread(self.growth(horizon), arm_angle, models);
         match times.iter().position(|&horizon| horizon >= t_s) {
             Some(0) => radius(0),
             None => radius(times.len() - 1),
@@ -144,7 +148,7 @@ fn narrowest(windows: &[WindowError]) -> Option<(f64, f64)> {
     let mean_logarithm = |&(growth, radius): &(f64, f64)| {
         let logarithms = windows
             .iter()
-            .map(|window| (radius * spread(growth, window.arm_angle)).ln());
+            .map(|window| (radius * spread(growth, window.arm_angle, window.models)).ln());
         logarithms.sum::<f64>() / windows.len() as f64
     };
     GROWTHS
@@ -154,15 +158,15 @@ fn narrowest(windows: &[WindowError]) -> Option<(f64, f64)> {
 }
 
 /// σ.
-fn spread(growth: f64, arm_angle: f64) -> f64 {
-    1.0 + growth * arm_angle
+fn spread(growth: f64, arm_angle: f64, models: f64) -> f64 {
+    (1.0 + growth * arm_angle) * models
 }
 
 /// q; `None` if it is not finite, or there are too few windows.
 fn conformal_quantile(windows: &[WindowError], growth: f64) -> Option<f64> {
     let mut quotients: Vec<f64> = windows
         .iter()
-        .map(|window| window.last_m / spread(growth, window.arm_angle))
+        .map(|window| window.last_m / spread(growth, window.arm_angle, window.models))
         .collect();
     quotients.sort_by(f64::total_cmp);
     let rank = ((quotients.len() + 1) as f64 * BAND_CONFIDENCE).ceil() as usize;
@@ -181,6 +185,7 @@ mod tests {
                 mean_m: last_m,
                 last_m,
                 arm_angle: 0.0,
+                models: 1.0,
                 diverged: false,
             })
             .collect()
@@ -192,10 +197,10 @@ mod tests {
         let second = windows((1..=99).map(|i| 0.002 * f64::from(i)));
         let band = PredictionBand::of_windows(&[10, 20], &[first, second], Vec::new()).unwrap();
         // ⌈100 · 0.95⌉ = 95th of 99.
-        assert!((band.radius_m(0.5, 0.0) - 0.095).abs() < 1e-12);
-        assert!((band.radius_m(0.75, 0.3) - 0.1425).abs() < 1e-12);
+        assert!((band.radius_m(0.5, 0.0, 1.0) - 0.095).abs() < 1e-12);
+        assert!((band.radius_m(0.75, 0.3, 1.0) - 0.1425).abs() < 1e-12);
         assert_eq!(
-            (band.radius_m(0.0, 0.0), band.radius_m(9.0, 0.0)),
+            (band.radius_m(0.0, 0.0, 1.0), band.radius_m(9.0, 0.0, 1.0)),
             (band.radii_m[0], band.radii_m[1])
         );
         band.validate().unwrap();
@@ -238,12 +243,35 @@ mod tests {
                        "windows": [99, 99], "flights": []}"#;
         let band: PredictionBand = serde_json::from_str(text).unwrap();
         band.validate().unwrap();
-        assert_eq!((band.radius_m(0.5, 0.5), band.radius_m(1.0, 0.5)), (0.02, 0.04));
+        assert_eq!(
+            (band.radius_m(0.5, 0.5, 1.0), band.radius_m(1.0, 0.5, 1.0)),
+            (0.02, 0.04)
+        );
         let each = PredictionBand {
             growth_per_rad: vec![2.0, 4.0],
             ..band
         };
-        assert_eq!(each.radius_m(1.0, 0.5), 0.06);
+        assert_eq!(each.radius_m(1.0, 0.5, 1.0), 0.06);
+    }
+
+    #[test]
+    fn the_band_is_wider_between_models() {
+        let corner = windows((1..=99).map(|i| 0.001 * f64::from(i)));
+        let between = |own: &WindowError| WindowError {
+            last_m: 2.0 * own.last_m,
+            models: 2.0,
+            ..*own
+        };
+        // Windows between two models, twice as far off, say the same of the band as those at the models' own configurations.
+        let all = [corner.clone(), corner.iter().map(between).collect()].concat();
+        let radius = |windows| {
+            PredictionBand::of_windows(&[10], &[windows], Vec::new())
+                .unwrap()
+                .radius_m(0.5, 0.0, 1.0)
+        };
+        assert!((radius(all) - radius(corner.clone())).abs() < 1.5e-3);
+        let band = PredictionBand::of_windows(&[10], &[corner], Vec::new()).unwrap();
+        assert_eq!(band.radius_m(0.5, 0.2, 4.0), 4.0 * band.radius_m(0.5, 0.2, 1.0));
     }
 
     #[test]
@@ -262,6 +290,7 @@ mod tests {
                     mean_m: last_m,
                     last_m,
                     arm_angle,
+                    models: 1.0,
                     diverged: false,
                 }
             })
@@ -273,7 +302,8 @@ mod tests {
                 .iter()
                 .filter(|window| (window.arm_angle > 0.5) == leaning)
                 .collect();
-            let inside = (kind.iter()).filter(|window| window.last_m <= band.radius_m(0.5, window.arm_angle));
+            let inside =
+                (kind.iter()).filter(|window| window.last_m <= band.radius_m(0.5, window.arm_angle, 1.0));
             let share = inside.count() as f64 / kind.len() as f64;
             assert!((0.9..0.99).contains(&share), "{share}");
         }

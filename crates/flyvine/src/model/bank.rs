@@ -314,6 +314,18 @@ impl Bank {
             )
     }
 
+    /// Of how many models the one at `configuration` is made, `1 / Σ w²` with the weights w of the interpolation: 1 at a
+    /// model's own configuration and beyond the outermost ones, 2 midway between two, 4 midway between four.
+    pub fn models_at(&self, configuration: Configuration) -> f64 {
+        let along = |axis: &[f64], value: f64| {
+            let [low, high] = ends(axis);
+            let weights = axis_weights(axis, value.clamp(low, high));
+            weights.iter().map(|weight| weight * weight).sum::<f64>().recip()
+        };
+        along(&self.lengths_m, configuration.length_m)
+            * along(&self.pressures_kpa, configuration.pressure_kpa)
+    }
+
     /// The model at `configuration`, its coefficients interpolated bilinearly.
     ///
     /// # Errors
@@ -500,6 +512,21 @@ mod tests {
         let allowing = bank.with_extrapolation(Extrapolation::Allow);
         assert!(allowing.at(configuration(1.1, 0.2)).is_ok());
         assert!(allowing.at(configuration(f64::INFINITY, 0.2)).is_err());
+    }
+
+    #[test]
+    fn models_at_counts_what_is_mixed() {
+        let bank = bank(four_corners())
+            .unwrap()
+            .with_extrapolation(Extrapolation::Allow);
+        for (at, models) in [
+            (CORNERS[1], 1.0),
+            (configuration(0.85, 0.0), 2.0),
+            (configuration(0.85, 0.2), 4.0),
+            (configuration(1.2, 0.0), 1.0),
+        ] {
+            assert!((bank.models_at(at) - models).abs() < 1e-12, "{at:?}");
+        }
     }
 
     #[test]

@@ -24,6 +24,8 @@ pub(crate) struct Prediction<'a> {
     /// The states of a physical model, estimated row by row from the poses up to that row; `None` for a model
     /// whose state is made of lags. Rows outside every observed stretch are zero: no window starts there.
     hidden: Option<Vec<FlatState>>,
+    /// Of how many of the bank's models the one of every row is made.
+    models: Vec<f64>,
 }
 
 impl<'a> Prediction<'a> {
@@ -38,9 +40,11 @@ impl<'a> Prediction<'a> {
             Model::Physical(_) => CommandInputs::Position,
         };
         let track = Track::new(flight, inputs)?;
-        let model = bank.scheduled(&track.configurations())?;
+        let configurations = track.configurations();
+        let model = bank.scheduled(&configurations)?;
         Ok(Prediction {
             hidden: hidden_states(&model, flight)?,
+            models: configurations.iter().map(|own| bank.models_at(*own)).collect(),
             track,
             model,
         })
@@ -49,13 +53,20 @@ impl<'a> Prediction<'a> {
     /// The windows that fit the flight, per horizon in `horizons` (steps, ascending).
     pub fn windows(&self, horizons: &[usize]) -> Vec<Vec<WindowError>> {
         let rows = 0..self.track.rows();
-        match &self.hidden {
+        let mut windows = match &self.hidden {
             None => window_errors(&self.model, &self.track, rows, horizons),
             Some(states) => {
                 let estimate = |row: usize, state: &mut [f64]| state.copy_from_slice(&states[row]);
                 window_errors_from(&self.model, &self.track, rows, horizons, OBSERVED_ROWS, &estimate)
             }
+        };
+        for (list, steps) in windows.iter_mut().zip(horizons) {
+            for window in list {
+                let passed = &self.models[window.start..window.start + steps];
+                window.models = passed.iter().copied().fold(1.0, f64::max);
+            }
         }
+        windows
     }
 
     /// Root-mean-square one-step error per signal.

@@ -29,6 +29,8 @@ pub(crate) struct WindowError {
     /// How far the predicted arm leans from below the quadrotor at most, rad: what is known of the window before it is
     /// flown.
     pub arm_angle: f64,
+    /// Of how many models its prediction is made at most ([`super::Bank::models_at`]).
+    pub models: f64,
     pub diverged: bool,
 }
 
@@ -132,6 +134,7 @@ fn roll_window(
                 mean_m: sum / step as f64,
                 last_m: last,
                 arm_angle: widest,
+                models: 1.0,
                 diverged,
             });
         }
@@ -174,9 +177,9 @@ pub(crate) fn summarize<'a>(
         worst_m: worst.and_then(|(_, window)| finite(window.mean_m)),
         worst_start_s: worst.map(|(track, window)| track.flight.samples[window.start].t_s),
         diverged_share: share(&|window| window.diverged),
-        within_band: band
-            .filter(|_| !windows.is_empty())
-            .map(|band| share(&|window| window.last_m <= band.radius_m(horizon_s, window.arm_angle))),
+        within_band: band.filter(|_| !windows.is_empty()).map(|band| {
+            share(&|window| window.last_m <= band.radius_m(horizon_s, window.arm_angle, window.models))
+        }),
     };
     (error, worst.map(|(track, _)| *track))
 }
