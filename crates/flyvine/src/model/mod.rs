@@ -21,7 +21,6 @@
 
 mod band;
 mod bank;
-mod bank_file;
 mod check;
 mod commanded_velocity;
 mod corner;
@@ -59,10 +58,9 @@ mod track;
 pub use band::{BAND_CONFIDENCE, PredictionBand};
 pub(crate) use bank::same;
 pub use bank::{
-    Bank, BankModel, BankProvenance, Between, Extrapolation, InputFile, LENGTH_TOLERANCE_M, ModelDiagnostics,
-    PRESSURE_TOLERANCE_KPA,
+    BANK_SCHEMA_VERSION, Bank, BankModel, BankProvenance, Between, Extrapolation, InputFile,
+    LENGTH_TOLERANCE_M, ModelDiagnostics, PRESSURE_TOLERANCE_KPA,
 };
-pub use bank_file::BANK_SCHEMA_VERSION;
 pub use check::{CheckReport, FlightCheck, ModelCheck, PooledError, WindowKind, check};
 pub use corrections::{CorrectionTrial, HeldOutErrors};
 pub use ensemble::bootstrap;

@@ -1,6 +1,6 @@
 //! A partial fit as a JSON file, read back strictly.
 
-use super::super::bank_file::write_json;
+use super::super::bank::write_json;
 use super::super::error::ModelError;
 use super::{PARTIAL_FIT_SCHEMA_VERSION, PartialFit, SCHEMA};
 use std::path::Path;

@@ -1,10 +1,10 @@
 //! The bank as a JSON file: schema version, units, provenance, models; read back strictly.
 
-use super::band::PredictionBand;
-use super::bank::{Bank, BankModel, BankProvenance, InputFile};
-use super::error::ModelError;
-use super::noise::NoiseLevels;
-use super::support::Support;
+use super::super::band::PredictionBand;
+use super::super::error::ModelError;
+use super::super::noise::NoiseLevels;
+use super::super::support::Support;
+use super::{Bank, BankModel, BankProvenance, InputFile};
 use crate::file::{sha256_hex, write_whole};
 use crate::flight::SIGNALS;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -137,7 +137,7 @@ impl Bank {
 }
 
 /// Writes `value` as JSON, whole or not at all.
-pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), ModelError> {
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), ModelError> {
     let contents = serde_json::to_vec(value).map_err(|error| ModelError::file(path)(error.into()))?;
     write_whole(path, &contents).map_err(ModelError::file(path))
 }
@@ -158,10 +158,10 @@ impl InputFile {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bank::ModelDiagnostics;
-    use super::super::family::Model;
-    use super::super::lag::tests::random_model;
-    use super::super::lag::{CommandInputs, HEIGHT_ROW};
+    use super::super::super::family::Model;
+    use super::super::super::lag::tests::random_model;
+    use super::super::super::lag::{CommandInputs, HEIGHT_ROW};
+    use super::super::ModelDiagnostics;
     use super::*;
     use crate::flight::Configuration;
 
