@@ -110,6 +110,16 @@ impl From<ControllerChoice> for ControlLaw {
 /// Runs `flyvine fly`.
 pub fn run(arguments: &FlyArguments) -> CommandResult {
     let plan = read_plan(&arguments.plan).or_input()?;
+    if let Some(shortfall) = shortfall(&plan) {
+        let is_real = arguments.vehicle.starts_with("mavlink:");
+        if is_real && !arguments.autopilot.accept_unconverged() {
+            return bad_input(format!(
+                "{}: found a plan that {shortfall}, expected one that did; --unconverged flies it on a vehicle nonetheless",
+                arguments.plan.display()
+            ));
+        }
+        say(&format!("warning: the plan {shortfall}"));
+    }
     if !matches!(extension(&arguments.out), "csv" | "mcap") {
         return bad_input(format!(
             "--out {}: expected a .csv or .mcap file",
@@ -185,6 +195,13 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
     let (_, outcome) = best.expect("at least one lap");
     write_recording(&arguments.out, &outcome)?;
     Ok(ended)
+}
+
+/// What there is to say of a plan whose solve did not converge.
+fn shortfall(plan: &Plan) -> Option<String> {
+    let solve = &plan.solve;
+    let worst = solve.violated.first().map(|worst| format!("; violated: {worst}"));
+    (!solve.converged).then(|| format!("did not converge ({}{})", solve.status, worst.unwrap_or_default()))
 }
 
 /// Flies a plan on an autopilot. What is flown is recorded as MCAP while it is flown; a CSV is written beside it.

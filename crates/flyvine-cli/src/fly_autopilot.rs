@@ -53,6 +53,9 @@ pub struct AutopilotArguments {
     /// Go through the checklist and stream the plan to the vehicle while it stays disarmed; arm nothing.
     #[arg(long)]
     dry_run: bool,
+    /// Fly a plan whose solve did not converge: it may break what its task demands. Without this such a plan is refused.
+    #[arg(long)]
+    unconverged: bool,
     /// Time for one step of the controller, ms; a tick that it misses is flown without it, two running end the flight.
     #[arg(long, value_name = "MS", default_value_t = 30.0)]
     tick_budget_ms: f64,
@@ -68,6 +71,13 @@ enum ProfileChoice {
     Px4,
     /// ArduPilot Copter, in GUIDED.
     Ardupilot,
+}
+
+impl AutopilotArguments {
+    /// Whether a plan whose solve did not converge may be streamed: not to a vehicle that is armed, unless that was asked for.
+    pub fn accept_unconverged(&self) -> bool {
+        self.unconverged || self.dry_run
+    }
 }
 
 /// What became of it.

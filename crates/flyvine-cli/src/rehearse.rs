@@ -266,6 +266,9 @@ fn fly_over_sockets(
         .arg(folder.join("flight.mcap"))
         .stdin(Stdio::null())
         .stdout(std::fs::File::create(folder.join("checklist.txt")).or_internal()?);
+    if !plan.solve.converged {
+        base.arg("--unconverged"); // the vehicle is none; the base station warns
+    }
     arguments.live.pass_on(&mut base);
     let mut base = Process::spawn("the base station", &mut base)?;
     let limit = AROUND_THE_PLAN + Duration::from_secs_f64(plan.knots() as f64 * flyvine::DT);

@@ -258,6 +258,38 @@ fn a_dry_run_arms_nothing() {
 }
 
 #[test]
+fn a_plan_that_did_not_converge_is_not_flown_on_a_vehicle_unasked() {
+    let scratch = tempfile::tempdir().unwrap();
+    let mut plan: Value = serde_json::from_slice(&std::fs::read(plan("swing_ES")).unwrap()).unwrap();
+    plan["solve"]["converged"] = false.into();
+    plan["solve"]["violated"] = vec!["qr_z in [-inf, 1.53] at knot 26: off by 8.6e-2"].into();
+    let path = scratch.path().join("plan.json");
+    std::fs::write(&path, plan.to_string()).unwrap();
+    let fly = |more: &[&str]| {
+        let recording = scratch.path().join("flight.mcap");
+        let mut fly = binary();
+        fly.arg("fly")
+            .arg(&path)
+            .args(["--vehicle", "mavlink:udpin:127.0.0.1:0"]);
+        let output = run(fly.args(more).arg("--out").arg(recording));
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let refused = fly(&[]);
+    for part in ["did not converge", "off by 8.6e-2", "--unconverged"] {
+        assert!(refused.contains(part), "{refused}");
+    }
+    // Asked for, it is the next thing that is amiss.
+    for asked in ["--unconverged", "--dry-run"] {
+        let said = fly(&[asked]);
+        assert!(
+            said.contains("warning: the plan did not converge") && said.contains("--mocap"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 fn without_motion_capture_nothing_is_opened() {
     let output = run(binary().arg("fly").arg(plan("swing_ES")).args([
         "--vehicle",

@@ -147,7 +147,7 @@ fn slung_loads(matches: impl Fn(&str) -> bool) -> Option<Vec<Flight>> {
 
 #[test]
 fn a_family_that_does_not_follow_its_own_flights_gives_way() {
-    let wanted = ["log201.csv", "log203.csv", "log204.csv"];
+    let wanted = ["log184.csv", "log203.csv", "log204.csv"];
     let Some(mut all) = slung_loads(|name| wanted.contains(&name)) else {
         return;
     };
@@ -190,8 +190,8 @@ fn a_slung_load_that_is_sent_velocities_is_predicted_by_physics() {
         medians.push(median_m);
     }
     medians.sort_by(f64::total_cmp);
-    // 1.7, 1.9, 1.9 and 4.6 cm (log182, another vehicle); log203, the fastest of all, is beyond what the others show: 16 cm.
-    assert!(medians[2] <= 0.04, "{medians:?}");
+    // 1.4, 1.6, 1.9 and 4.6 cm (log182, another vehicle); log203, the fastest of all, is beyond what the others show: 8.5 cm.
+    assert!(medians[2] <= 0.03 && medians[4] <= 0.1, "{medians:?}");
 }
 
 #[test]
