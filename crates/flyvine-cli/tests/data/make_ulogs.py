@@ -44,7 +44,10 @@ def real(path):
     q = np.stack([np.interp(seen, turned, q[:, i]) for i in range(4)], axis=1)
     ned = np.stack([np.interp(t, seen, where[:, i]) for i in range(3)], axis=1)
     q = np.stack([np.interp(t, seen, q[:, i]) for i in range(4)], axis=1)
-    u = u[np.searchsorted(stamps, t + 1e-9, side="right") - 1]
+    # A row's command is the mean of those that acted until the next row: the integral of what is held, which is linear in between.
+    ends = np.append(stamps, t[-1] + 1.0)
+    integral = np.vstack([np.zeros(3), np.cumsum(u * np.diff(ends)[:, None], axis=0)])
+    u = np.stack([np.interp(t + 0.05, ends, i) - np.interp(t, ends, i) for i in integral.T], axis=1) / 0.05
     with open("px4_flight.csv", "w") as out:
         out.write("t_s,cmd_x,cmd_y,cmd_z,qr_x,qr_y,qr_z,forward_x,forward_y,forward_z\n")
         for k in range(len(t)):
