@@ -198,7 +198,7 @@ pub fn run(arguments: &FlyArguments) -> CommandResult {
 }
 
 /// What there is to say of a plan whose solve did not converge.
-fn shortfall(plan: &Plan) -> Option<String> {
+pub fn shortfall(plan: &Plan) -> Option<String> {
     let solve = &plan.solve;
     let worst = solve.violated.first().map(|worst| format!("; violated: {worst}"));
     (!solve.converged).then(|| format!("did not converge ({}{})", solve.status, worst.unwrap_or_default()))

@@ -17,7 +17,7 @@ use serde::Serialize;
 use crate::console::{centimetres, print, print_json, say, table};
 use crate::fit::write_json;
 use crate::flights::load_flights;
-use crate::fly::{OpenVehicle, open_vehicle};
+use crate::fly::{OpenVehicle, open_vehicle, shortfall};
 use crate::outcome::{Blame, CommandResult, Failure, Outcome, bad_input};
 
 /// Learn a task by flying it: plan, fly open loop, refit the model to all data, plan again.
@@ -199,10 +199,9 @@ fn fly_round(
     say(&format!("round {number}: planning {} …", task.name));
     let plan = make_corrected_plan(task, learner.bank(), learner.model_error_m(), &options).or_input()?;
     write_plan(&folder.join("plan.json"), &plan).or_internal()?;
-    if !plan.solve.converged {
+    if let Some(shortfall) = shortfall(&plan) {
         say(&format!(
-            "round {number}: warning: {}, flown all the same",
-            plan.solve.status
+            "round {number}: warning: the plan {shortfall}, flown all the same"
         ));
     }
     let OpenVehicle {
