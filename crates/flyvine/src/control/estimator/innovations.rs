@@ -6,8 +6,11 @@ use crate::link::Observation;
 
 /// Innovations beyond this many standard deviations are refused …
 pub(super) const GATE: f64 = 6.0;
-/// … unless so many rows running were: then it is the estimate that is wrong.
+/// … unless so many rows running were: then it is the estimate that is wrong …
 pub(super) const REFUSALS_MAX: u32 = 3;
+/// … by no more than so many standard deviations, as far as one row can tell. A body that is seen for good where no arm of
+/// the model's can be (a marker that slipped) would else throw velocities and winds out, farther with every row.
+const BELIEVED: f64 = 3.0 * GATE;
 /// How fast innovations that are larger than lately are believed, s …
 const ALARM_S: f64 = 0.3;
 /// … and how fast smaller ones: a model that was wrong does not become right while the vehicle stands still.
@@ -105,13 +108,11 @@ impl Estimator<'_> {
         self.refusals[body] = 0;
         for (i, value) in seen.iter().enumerate() {
             let entry = first + i;
-            let innovation = value - self.mean[entry];
-            let variance = self.covariance.observe(
-                entry,
-                self.layout.measured[entry].powi(2),
-                innovation,
-                &mut self.mean,
-            );
+            let deviation = (self.covariance.variance(entry) + noise(entry)).sqrt();
+            let innovation = (value - self.mean[entry]).clamp(-BELIEVED * deviation, BELIEVED * deviation);
+            let variance = self
+                .covariance
+                .observe(entry, noise(entry), innovation, &mut self.mean);
             self.surprise.entries += 1;
             self.surprise.squares += innovation * innovation / variance;
             self.surprise.log_variances += variance.ln();

@@ -270,6 +270,42 @@ fn a_body_that_really_moved_is_believed_after_a_while() {
     assert!((estimator.state()[6] - watched.truth[6] - 0.3).abs() < 0.1);
 }
 
+/// A marker that slipped is where no arm of the model's can be: the estimate cannot be right, but it stays a sensible one.
+#[test]
+fn a_body_seen_where_it_cannot_be_throws_nothing_out() {
+    let model = model();
+    let mut gusty = NoiseLevels::PHYSICAL;
+    gusty.surroundings.gust_m_s = 0.7;
+    let slips = [(0, 0.3), (1, -1.0), (2, 0.2), (2, -0.2), (2, 0.5), (2, -1.0)];
+    for (noise, body) in [
+        (NoiseLevels::PHYSICAL, 0),
+        (NoiseLevels::PHYSICAL, 1),
+        (gusty, 0),
+        (gusty, 1),
+    ] {
+        for (axis, slip) in slips {
+            let (estimator, watched) = watch(&model, &noise, World::calm(), |knot, mut seen| {
+                if knot > 150 {
+                    match (body, &mut seen.quadrotor, &mut seen.end_effector) {
+                        (0, Some(quadrotor), _) => quadrotor.position[axis] += slip,
+                        (_, _, Some(tip)) => tip[axis] += slip,
+                        _ => unreachable!("both are seen"),
+                    }
+                }
+                seen
+            });
+            let what = format!("body {body} axis {axis}, {slip} m");
+            assert!(watched.refused >= 3 * REFUSALS_MAX, "{what}: {}", watched.refused);
+            for (entry, value) in estimator.state().iter().enumerate() {
+                assert!(
+                    value.is_finite() && value.abs() < 100.0,
+                    "{what}: entry {entry} is {value}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn what_cannot_be_estimated_is_named() {
     let model = model();
